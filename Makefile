@@ -1,0 +1,57 @@
+# make demo   a robot in a simulated room, driven by clicks: HEADLESS=1 sets the goal itself, SEED=n picks the room
+# make check  format, lint, types, architecture
+# make test   all tests but the slow ones
+# make train  makes data and trains the edge models from nothing (hours), into runs/
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
+SEED ?= 0
+JOBS ?= 2
+TRAIN := $(BIN)/revnm-train
+
+.PHONY: demo check format test test-slow train clean
+
+demo: $(VENV)/run.stamp
+	$(BIN)/revnm-sim demo --seed $(SEED) $(if $(HEADLESS),--headless)
+
+check: $(VENV)/dev.stamp
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(VENV)/dev.stamp
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+test: $(VENV)/dev.stamp
+	$(BIN)/pytest --quiet
+
+test-slow: $(VENV)/dev.stamp
+	$(BIN)/pytest --quiet -m slow
+
+train: $(VENV)/dev.stamp
+	$(TRAIN) synth --episodes 6000 --out data/edge --jobs $(JOBS)
+	$(TRAIN) depth --cache data/cache --out runs/depth --steps 3000 --resume
+	$(TRAIN) exo2ego --data data/edge --cache data/cache --out runs/exo2ego --steps 3000 --resume
+	$(TRAIN) policy --data data/edge --cache data/cache --exo2ego runs/exo2ego/last.pt --out runs/policy --steps 4000 --resume
+	$(TRAIN) export --depth runs/depth/last.pt --exo2ego runs/exo2ego/last.pt --policy runs/policy/last.pt --out runs/edge
+
+clean:
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check "pip==26.3"
+
+# What the demo needs: no torch.
+$(VENV)/run.stamp: $(BIN)/python constraints.txt robot_client/pyproject.toml server/pyproject.toml sim/pyproject.toml
+	$(PIP) --editable robot_client --editable server --editable sim
+	touch $@
+
+# What the tests and the training need.
+$(VENV)/dev.stamp: $(VENV)/run.stamp training/pyproject.toml pyproject.toml
+	$(PIP) --editable robot_client --editable server --editable sim --editable training --group dev
+	touch $@
