@@ -1,0 +1,102 @@
+"""Asks the server for its time once a second, in a thread of its own: the control loop never waits."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from typing import NamedTuple, Self
+
+import zenoh
+
+from revnm_client import keys
+from revnm_client.clock import ClockOffset
+from revnm_client.control_messages import TimeRequest, decode_time_reply, encode_time_request
+from revnm_client.errors import MessageError
+
+_log = logging.getLogger(__name__)
+
+_PERIOD_S = 1.0
+_FIRST_PERIOD_S = 0.1
+_TIMEOUT_S = 0.5
+
+
+class ProbeReading(NamedTuple):
+    """What the probe knows.
+
+    Attributes:
+        offset_ns: Server's clock minus robot's clock; None while unknown.
+        round_trip_ns: Of the exchange it comes from; None while unknown.
+        rejected: Number of malformed replies so far.
+        failures: Number of exchanges that ended in an unexpected error so far.
+    """
+
+    offset_ns: int | None
+    round_trip_ns: int | None
+    rejected: int
+    failures: int
+
+
+class ClockProbe:
+    """A thread that keeps a :class:`ClockOffset` up to date; a context manager."""
+
+    def __init__(self, session: zenoh.Session, robot: str) -> None:
+        self._session = session
+        self._key = keys.time(robot)
+        self._lock = threading.Lock()
+        self._offset = ClockOffset()
+        self._rejected = 0
+        self._failures = 0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="clock-probe", daemon=True)
+
+    def reading(self) -> ProbeReading:
+        """Return what is known now; never waits for the network."""
+        with self._lock:
+            offset = self._offset
+            return ProbeReading(offset.offset_ns, offset.round_trip_ns, self._rejected, self._failures)
+
+    def forget(self) -> None:
+        """Forget the offset: the robot's clock was set."""
+        with self._lock:
+            self._offset.forget()
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join(timeout=2.0 * _TIMEOUT_S)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self._ask()
+            except Exception:  # the outermost loop of this thread: counted, and the next round tries again
+                with self._lock:
+                    self._failures += 1
+                _log.exception("asking for the server's time failed")
+            known = self.reading().offset_ns is not None
+            self._stop.wait(_PERIOD_S if known else _FIRST_PERIOD_S)
+
+    def _ask(self) -> None:
+        t1_ns = time.time_ns()
+        request = encode_time_request(TimeRequest(t1_ns))
+        for reply in self._session.get(self._key, payload=request, timeout=_TIMEOUT_S):
+            t4_ns = time.time_ns()
+            try:
+                self._take(reply, t1_ns, t4_ns)
+            except MessageError as error:
+                with self._lock:
+                    self._rejected += 1
+                _log.debug("%s: %s", self._key, error)
+
+    def _take(self, reply: zenoh.Reply, t1_ns: int, t4_ns: int) -> None:
+        if reply.ok is None:
+            raise MessageError("the server answered with an error")
+        times = decode_time_reply(reply.ok.payload.to_bytes())
+        if times.t1_ns != t1_ns:
+            raise MessageError(f"time reply is for {times.t1_ns}: expected {t1_ns}")
+        with self._lock:
+            self._offset.add(t1_ns, times.t2_ns, times.t3_ns, t4_ns)

@@ -1,0 +1,183 @@
+"""Zenoh as this project uses it: explicit endpoints, the newest message wins, nothing blocks.
+
+The server's process is the router, robots and cameras are clients. An open session reconnects by itself and
+brings its subscribers and publishers back; what is sent meanwhile is lost, on purpose. No message, however
+malformed, gets past :class:`Inbox` undecoded, and liveliness is never used for safety.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from collections.abc import Callable, Sequence
+from typing import Generic, Self, TypeVar
+
+import zenoh
+from zenoh.handlers import Handler, RingChannel
+
+from revnm_client.errors import ConfigError, LinkError, MessageError
+
+_log = logging.getLogger(__name__)
+
+LEASE_MS = 3000
+MAX_MESSAGE_BYTES = 8 * 1024 * 1024
+_RETRY_FIRST_S = 0.2
+_RETRY_LONGEST_S = 2.0
+
+MessageT = TypeVar("MessageT")
+
+
+def _config(mode: str, *, listen: Sequence[str], connect: Sequence[str]) -> zenoh.Config:
+    """Return the settings of both ends; each side notices a dead link by the other's lease."""
+    retry = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
+    settings = {
+        "mode": mode,
+        "listen/endpoints": list(listen),
+        "connect/endpoints": list(connect),
+        "connect/retry": retry,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "scouting/delay": 0,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
+        "adminspace/enabled": False,
+    }
+    config = zenoh.Config()
+    try:
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
+    except zenoh.ZError as error:
+        endpoints = ", ".join([*listen, *connect])
+        raise ConfigError(f"endpoints are {endpoints}: expected tcp/HOST:PORT or the like") from error
+    return config
+
+
+def _reason(error: zenoh.ZError) -> str:
+    """Return what the error says without the places in Zenoh's own source."""
+    return str(error).split(" at /", maxsplit=1)[0]
+
+
+def open_router(listen: Sequence[str]) -> zenoh.Session:
+    """Open the session to which the others connect.
+
+    Args:
+        listen: Endpoints such as ``tcp/127.0.0.1:7447``.
+
+    Raises:
+        ConfigError: An endpoint is malformed.
+        LinkError: An endpoint is taken.
+    """
+    try:
+        return zenoh.open(_config("router", listen=listen, connect=[]))
+    except zenoh.ZError as error:
+        raise LinkError(f"cannot listen on {', '.join(listen)}: {_reason(error)}") from error
+
+
+def open_client(connect: Sequence[str], *, stop: threading.Event | None = None) -> zenoh.Session:
+    """Open a session to a router; wait until there is one.
+
+    Args:
+        connect: Endpoints such as ``tcp/192.168.1.5:7447``; the first that answers is taken.
+        stop: Set it from another thread or a signal handler to give up.
+
+    Raises:
+        ConfigError: An endpoint is malformed.
+        LinkError: ``stop`` was set before a router answered.
+    """
+    stop = stop or threading.Event()
+    config = _config("client", listen=[], connect=connect)
+    endpoints = ", ".join(connect)
+    delay_s = _RETRY_FIRST_S
+    attempt = 0
+    while not stop.is_set():
+        try:
+            session = zenoh.open(config)
+        except zenoh.ZError as error:
+            attempt += 1
+            _log.log(logging.WARNING if attempt == 1 else logging.DEBUG, "waiting for %s: %s", endpoints, error)
+            stop.wait(delay_s)
+            delay_s = min(2.0 * delay_s, _RETRY_LONGEST_S)
+        else:
+            _log.info("connected to %s", endpoints)
+            return session
+    raise LinkError(f"gave up connecting to {endpoints} after {attempt} attempts: stopped")
+
+
+class LatestSubscriber:
+    """Holds the newest sample of a key; a slow consumer sees no old ones."""
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self.key = key
+        self._subscriber: zenoh.Subscriber[Handler[zenoh.Sample]] = session.declare_subscriber(key, RingChannel(1))
+
+    def take(self) -> zenoh.Sample | None:
+        """Return the newest sample that was not taken yet, or None; never blocks."""
+        return self._subscriber.try_recv()
+
+    def close(self) -> None:
+        """Stop receiving."""
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Inbox(Generic[MessageT]):
+    """The newest decoded message of a key; what cannot be decoded is counted and dropped.
+
+    Attributes:
+        rejected: Number of samples that were dropped.
+        last_error: Why the last one was dropped; empty when none was.
+    """
+
+    def __init__(self, subscriber: LatestSubscriber, decode: Callable[[bytes], MessageT]) -> None:
+        """Poll ``subscriber`` and decode with ``decode(payload)``, which raises nothing but MessageError."""
+        self._subscriber = subscriber
+        self._decode: Callable[[zenoh.Sample], MessageT] = lambda sample: decode(sample.payload.to_bytes())
+        self.rejected = 0
+        self.last_error = ""
+
+    @classmethod
+    def with_attachment(
+        cls, subscriber: LatestSubscriber, decode: Callable[[bytes, bytes], MessageT]
+    ) -> Inbox[MessageT]:
+        """Return an inbox that decodes with ``decode(payload, attachment)``; a missing one is empty."""
+        inbox = cls(subscriber, lambda payload: decode(payload, b""))
+        inbox._decode = lambda sample: decode(
+            sample.payload.to_bytes(), b"" if sample.attachment is None else sample.attachment.to_bytes()
+        )
+        return inbox
+
+    def take(self) -> MessageT | None:
+        """Return the newest message that was not taken yet, or None; never blocks, never raises."""
+        sample = self._subscriber.take()
+        if sample is None:
+            return None
+        try:
+            return self._decode(sample)
+        except MessageError as error:
+            self.rejected += 1
+            self.last_error = f"{self._subscriber.key}: {error}"
+            return None
+
+
+def control_publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
+    """Declare a publisher for small, urgent messages: sent at once, dropped rather than queued."""
+    return session.declare_publisher(
+        key,
+        congestion_control=zenoh.CongestionControl.DROP,
+        priority=zenoh.Priority.INTERACTIVE_HIGH,
+        express=True,
+    )
+
+
+def image_publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
+    """Declare a publisher for pictures: they give way to everything else."""
+    return session.declare_publisher(
+        key, congestion_control=zenoh.CongestionControl.DROP, priority=zenoh.Priority.BACKGROUND
+    )

@@ -1,0 +1,33 @@
+"""Keep clear of obstacles."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from revnm_client.mppi.config import CriticWeights
+
+Array32 = NDArray[np.float32]
+
+_NOISE_M = np.float32(0.01)
+
+
+def obstacle_cost(clearance_m: Array32, now_m: float, weights: CriticWeights) -> Array32:
+    """Return (K,): one large cost for a collision, a steep one for scraping by, a gentle one for being near.
+
+    A robot that stands too near already (the circles are larger than its body) collides only by going nearer:
+    else every sample would collide and none would lead out.
+
+    Args:
+        clearance_m: (K, T), of the covering circles.
+        now_m: Clearance where the robot stands.
+        weights: Of the critics.
+    """
+    floor = np.float32(min(0.0, now_m)) - _NOISE_M
+    collides = (clearance_m < floor).any(axis=1)
+    cost: Array32 = np.where(collides, np.float32(weights.collision), np.float32(0.0))
+    missing = np.maximum(np.float32(weights.critical_margin_m) - clearance_m, 0.0)
+    cost += np.float32(weights.critical) * missing.sum(axis=1)
+    missing = np.maximum(np.float32(weights.repulsion_margin_m) - clearance_m, 0.0)
+    cost += np.float32(weights.repulsion / clearance_m.shape[1]) * missing.sum(axis=1)
+    return cost

@@ -1,0 +1,77 @@
+"""Turn on the spot first when the path leads away sideways or backwards.
+
+A robot that only drives forwards, with a turning circle of 0.7 m at top speed, would leave the path in a wide
+arc. The idea is Nav2's RotationShimController.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from revnm_client.geometry import FloatArray
+from revnm_client.messages import Velocity
+from revnm_client.mppi.config import MppiConfig
+from revnm_client.mppi.distance_field import DistanceField
+from revnm_client.mppi.reference_path import ReferencePath
+
+_LOOK_AHEAD_M = 0.5
+_NEAR_M = 0.1  # so near, the bearing means nothing
+
+
+class TurnFirst:
+    """Decides whether to turn on the spot; remembers that it does, and which way."""
+
+    def __init__(self, config: MppiConfig) -> None:
+        self._config = config
+        self._direction = 0.0
+
+    def reset(self) -> None:
+        """Forget a turn that was under way."""
+        self._direction = 0.0
+
+    def command(self, path: ReferencePath, field: DistanceField, now: Velocity) -> Velocity | None:
+        """Return the velocity of the turn, or None when there is nothing to turn for, or no room to.
+
+        Args:
+            path: What lies ahead.
+            field: Obstacles.
+            now: Velocity of the robot.
+        """
+        ahead = path.at(_LOOK_AHEAD_M)
+        bearing = math.atan2(ahead[1], ahead[0])
+        limit = self._config.turned_rad if self._direction else self._config.turn_first_rad
+        if abs(bearing) < limit or math.hypot(*ahead) < _NEAR_M or not self._is_free(ahead, field):
+            self._direction = 0.0
+            return None
+        self._direction = self._choose(bearing, field)
+        if not self._direction:
+            return None
+        step = self._config.max_alpha_radps2 * self._config.dt_s
+        wanted = self._direction * self._config.max_w_radps
+        return Velocity(0.0, min(max(wanted, now.w_radps - step), now.w_radps + step))
+
+    def _is_free(self, ahead: FloatArray, field: DistanceField) -> bool:
+        """Whether the robot could drive straight to the point once it has turned."""
+        fraction = np.linspace(0.0, 1.0, 6, dtype=np.float32)[1:]
+        distance = field.at(fraction * np.float32(ahead[0]), fraction * np.float32(ahead[1]))
+        return bool(distance.min() > self._config.footprint.circle_radius_m)
+
+    def _choose(self, bearing: float, field: DistanceField) -> float:
+        """Return the turn's sign: as before, else the short way, else the long; 0 if neither is free."""
+        short = math.copysign(1.0, bearing)
+        first = self._direction or short
+        for direction in (first, -first):
+            sweep = bearing if direction == short else bearing - math.copysign(math.tau, bearing)
+            if self._may_sweep(sweep, field):
+                return direction
+        return 0.0
+
+    def _may_sweep(self, angle_rad: float, field: DistanceField) -> bool:
+        footprint = self._config.footprint
+        angles = np.linspace(0.0, angle_rad, 13, dtype=np.float32)
+        x = np.float32(footprint.circle_offset_m) * np.cos(angles)
+        y = np.float32(footprint.circle_offset_m) * np.sin(angles)
+        distance = np.minimum(field.at(x, y), field.at(-x, -y)) - np.float32(footprint.circle_radius_m)
+        return bool(distance.min() >= min(0.0, float(distance[0])))
