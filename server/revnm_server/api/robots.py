@@ -1,0 +1,85 @@
+"""Robots over HTTP: goals, stop, resume."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, HTTPException
+from pydantic import BaseModel, ConfigDict, Field
+
+from revnm_server.api.problems import responses
+from revnm_server.service import NavigationService
+from revnm_server.view import GoalView, RobotView
+
+Pixel = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+class GoalRequest(BaseModel):
+    """Where to go: a pixel of the camera's picture, u right, v down."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    u: Pixel
+    v: Pixel
+
+
+class GoalReply(BaseModel):
+    """The goal that was set."""
+
+    robot: str
+    goal: GoalView
+
+
+class OrderReply(BaseModel):
+    """What was ordered, and whether the robot itself has confirmed it by now."""
+
+    robot: str
+    stopped: bool
+    acknowledged: bool
+    epoch: int
+
+
+def robots_router(service: NavigationService) -> APIRouter:
+    """Return the routes under ``/api/v1/robots``.
+
+    They are plain functions, which FastAPI runs in threads: they may wait for a disk or a robot.
+    """
+    router = APIRouter(prefix="/api/v1/robots", tags=["robots"])
+
+    @router.get("", responses=responses(401))
+    def robots() -> list[RobotView]:
+        """List the robots and what they are doing."""
+        return service.view().robots
+
+    @router.put("/{robot}/goal", responses=responses(401, 404, 409, 422))
+    def set_goal(robot: str, request: GoalRequest) -> GoalReply:
+        """Send a robot to a pixel."""
+        service.mission.of(robot)
+        frame = service.camera.latest()
+        if frame is None:
+            raise HTTPException(409, "the camera has not given a picture yet")
+        goal = service.mission.set_goal(robot, request.u, request.v, size_px=frame.size_px)
+        return GoalReply(robot=robot, goal=GoalView(*goal.pixel_uv, goal.id))
+
+    @router.delete("/{robot}/goal", status_code=204, responses=responses(401, 404))
+    def drop_goal(robot: str) -> None:
+        """Forget a robot's goal: it gets no more plans and stands within half a second."""
+        service.mission.drop_goal(robot)
+
+    @router.post("/{robot}/stop", responses=responses(401, 404))
+    def stop(robot: str) -> OrderReply:
+        """Stop a robot until it is resumed; its goal is dropped. Repeated until it confirms."""
+        acknowledged = service.stop(robot)
+        return _order_reply(robot, acknowledged=acknowledged)
+
+    @router.post("/{robot}/resume", responses=responses(401, 404))
+    def resume(robot: str) -> OrderReply:
+        """Release a robot's stop."""
+        acknowledged = service.resume(robot)
+        return _order_reply(robot, acknowledged=acknowledged)
+
+    def _order_reply(robot: str, *, acknowledged: bool) -> OrderReply:
+        wanted = service.mission.of(robot)
+        return OrderReply(robot=robot, stopped=wanted.stopped, acknowledged=acknowledged, epoch=wanted.epoch)
+
+    return router

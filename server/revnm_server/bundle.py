@@ -1,0 +1,185 @@
+"""A model bundle: a folder with three ONNX models and a manifest that says what they expect.
+
+Nothing in a bundle is trusted: every file is hashed, every model's inputs and outputs are compared with the
+manifest, and each model runs once on zeros before the server says it is ready.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from revnm_client.errors import ContractError, FileError
+from revnm_server.inference import OnnxModel, Shape
+from revnm_server.manifest import PerChannel, read_manifest
+from revnm_server.observation import ObservationSpec
+
+
+@dataclass(frozen=True, slots=True)
+class DepthConfig:
+    """The depth network.
+
+    Attributes:
+        model: ``image`` (1, 3, h, w) → ``disparity`` (1, h, w), up to scale and shift.
+        mean: Per channel, subtracted from RGB / 255.
+        std: Per channel, divides what is left.
+    """
+
+    model: OnnxModel
+    mean: PerChannel
+    std: PerChannel
+
+
+@dataclass(frozen=True, slots=True)
+class Exo2EgoConfig:
+    """The exo2ego denoiser.
+
+    Attributes:
+        model: One call of the denoiser.
+        steps: How many DDIM steps a sample takes.
+    """
+
+    model: OnnxModel
+    steps: int
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """A checked bundle with its models loaded.
+
+    Attributes:
+        folder: Where it came from.
+        name: Its name.
+        spec: What the models observe.
+        depth: The depth network.
+        exo2ego: The exo2ego denoiser.
+        policy: The policy's model.
+        manifest: The manifest, for people.
+    """
+
+    folder: Path
+    name: str
+    spec: ObservationSpec
+    depth: DepthConfig
+    exo2ego: Exo2EgoConfig
+    policy: OnnxModel
+    manifest: dict[str, Any]
+
+
+def default_bundle_path() -> Path:
+    """Return the folder of the bundle that comes with the package."""
+    return Path(__file__).parent / "bundles" / "edge"
+
+
+def load_bundle(folder: Path, *, threads: int = 2) -> Bundle:
+    """Load a bundle and check all of it.
+
+    Args:
+        folder: The bundle.
+        threads: Threads that one call of a model may use.
+
+    Raises:
+        FileError: The manifest or a model is missing, malformed, altered, or does not fit; the text says
+            which file and why.
+    """
+    manifest = read_manifest(folder)
+    spec = manifest.observation.to_spec()
+    models = manifest.models
+    for section in (models.policy, models.exo2ego, models.depth):
+        _check_hash(folder / section.file, section.sha256)
+    depth, exo2ego, policy = (
+        OnnxModel(folder / section.file, threads=threads) for section in (models.depth, models.exo2ego, models.policy)
+    )
+    for model, contract in ((depth, _depth(spec)), (exo2ego, _exo2ego(spec)), (policy, _policy(spec))):
+        _check_model(model, *contract)
+    return Bundle(
+        folder=folder,
+        name=manifest.name,
+        spec=spec,
+        depth=DepthConfig(depth, models.depth.mean, models.depth.std),
+        exo2ego=Exo2EgoConfig(exo2ego, models.exo2ego.steps),
+        policy=policy,
+        manifest=manifest.model_dump(mode="json"),
+    )
+
+
+def file_sha256(path: Path) -> str:
+    """Return the sha256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _check_hash(path: Path, expected: str) -> None:
+    if not path.is_file():
+        raise FileError(f"{path}: missing")
+    got = file_sha256(path)
+    if got != expected:
+        raise FileError(f"{path}: altered: sha256 expected {expected}, got {got}")
+
+
+Contract = tuple[dict[str, Shape], dict[str, Shape]]
+
+
+def _depth(spec: ObservationSpec) -> Contract:
+    height, width = spec.disparity_hw
+    return {"image": (1, 3, height, width)}, {"disparity": (1, height, width)}
+
+
+def _exo2ego(spec: ObservationSpec) -> Contract:
+    ego = (None, 1, spec.ego_px, spec.ego_px)
+    crop = (None, spec.history, spec.crop_px, spec.crop_px)
+    return {"noisy": ego, "crop": crop, "step": (None,), "robot": (None, 2), "heading": (None, 2)}, {"clean": ego}
+
+
+def _policy(spec: ObservationSpec) -> Contract:
+    exo = (None, spec.history, 1, *spec.exo_hw)
+    ego = (None, spec.history, 1, spec.ego_px, spec.ego_px)
+    inputs: dict[str, Shape] = {
+        "exo": exo,
+        "ego": ego,
+        "robot": (None, 2),
+        "heading": (None, 2),
+        "goal": (None, 2),
+    }
+    return inputs, {"waypoints": (None, spec.waypoints, 2)}
+
+
+def _check_model(model: OnnxModel, inputs: dict[str, Shape], outputs: dict[str, Shape]) -> None:
+    """Compare declared shapes with the contract, then run on zeros, which also warms the model up."""
+    _check_shapes(model.path, "input", inputs, model.inputs)
+    _check_shapes(model.path, "output", outputs, model.outputs)
+    try:
+        results = model.run(**{name: _zeros(name, shape, batch=2) for name, shape in inputs.items()})
+    except ContractError as error:
+        raise FileError(f"{error} (trial run on zeros)") from error
+    got = {name: result.shape for name, result in results.items()}
+    expected = {name: tuple(2 if n is None else n for n in shape) for name, shape in outputs.items()}
+    _check_shapes(model.path, "output of a trial run", expected, got)
+
+
+def _check_shapes(path: Path, kind: str, expected: Mapping[str, Shape], got: Mapping[str, Shape]) -> None:
+    if expected.keys() != got.keys():
+        raise FileError(f"{path}: {kind}s expected {sorted(expected)}, got {sorted(got)}")
+    for name, shape in expected.items():
+        if not _fits(shape, got[name]):
+            raise FileError(f"{path}: {kind} {name}: shape expected {_text(shape)}, got {_text(got[name])}")
+
+
+def _fits(expected: Shape, got: Shape) -> bool:
+    # What the contract fixes, a model may leave open: the trial run shows what it does there.
+    return len(expected) == len(got) and all(b is None or a == b for a, b in zip(expected, got, strict=True))
+
+
+def _text(shape: Shape) -> str:
+    return "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+
+
+def _zeros(name: str, shape: Shape, *, batch: int) -> NDArray[Any]:
+    dtype = np.int64 if name == "step" else np.float32
+    return np.zeros([batch if n is None else n for n in shape], dtype=dtype)

@@ -1,0 +1,98 @@
+"""Addresses of cameras: which kinds there are, and how they are shown without their credentials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
+
+from revnm_client.errors import ConfigError, RevnmError
+from revnm_client.keys import check_name
+
+_EXPECTED = "expected rtsp://HOST/PATH, rtsps://HOST/PATH, file:///PATH[?loop=1&realtime=0] or zenoh://CAMERA"
+_HIDDEN = "***"
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkCamera:
+    """A camera on the network.
+
+    Attributes:
+        url: Its address, credentials included: not for logs.
+        redacted: Its address for people.
+    """
+
+    url: str
+    redacted: str
+
+    def __repr__(self) -> str:
+        return f"NetworkCamera({self.redacted})"
+
+
+@dataclass(frozen=True, slots=True)
+class FileCamera:
+    """A video file that stands in for a camera.
+
+    Attributes:
+        path: The file.
+        loop: Begin again at the end.
+        realtime: Play at the speed of the recording; else as fast as it decodes.
+    """
+
+    path: Path
+    loop: bool
+    realtime: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ZenohCamera:
+    """A camera that publishes JPEG pictures over Zenoh, such as the simulator's.
+
+    Attributes:
+        name: Its name in the key.
+    """
+
+    name: str
+
+
+def redact(url: str) -> str:
+    """Return the address without user, password and the values of its query."""
+    try:
+        parts = urlsplit(url)
+    except ValueError:
+        return _HIDDEN
+    netloc = parts.netloc
+    if "@" in netloc:
+        netloc = f"{_HIDDEN}@{netloc.rpartition('@')[2]}"
+    query = parts.query
+    if query and parts.scheme != "file":
+        query = "&".join(f"{item.partition('=')[0]}={_HIDDEN}" for item in query.split("&"))
+    return parts._replace(netloc=netloc, query=query).geturl()
+
+
+def parse_camera_url(url: str) -> NetworkCamera | FileCamera | ZenohCamera:
+    """Return what the address means.
+
+    Raises:
+        ConfigError: It is no address of a camera; the text hides credentials.
+    """
+    try:
+        parts = urlsplit(url)
+        if parts.scheme in ("rtsp", "rtsps") and parts.hostname and parts.port != 0:
+            return NetworkCamera(url, redact(url))
+        if parts.scheme == "file" and not parts.netloc and parts.path:
+            return _file(parts)
+        if parts.scheme == "zenoh" and not (parts.path or parts.query):
+            return ZenohCamera(check_name(parts.netloc))
+    except (ValueError, RevnmError) as error:
+        raise ConfigError(f"camera address {redact(url)}: {error}; {_EXPECTED}") from None
+    raise ConfigError(f"camera address {redact(url)!r} is not understood: {_EXPECTED}")
+
+
+def _file(parts: SplitResult) -> FileCamera:
+    options = {"loop": "0", "realtime": "1"}
+    for key, value in parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query)):
+        if key not in options or value not in ("0", "1"):
+            raise ConfigError(f"option {key}={value}: expected loop or realtime, 0 or 1")
+        options[key] = value
+    return FileCamera(Path(unquote(parts.path)), loop=options["loop"] == "1", realtime=options["realtime"] == "1")

@@ -1,0 +1,97 @@
+"""``revnm-server``: the command line."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from revnm_client.errors import ConfigError, RevnmError
+from revnm_server.app import running_server
+from revnm_server.settings import load_settings
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit status: 0, or 2 where the user can mend what is wrong."""
+    options = _parser().parse_args(argv)
+    logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s", level=logging.INFO)
+    zenoh.init_log_from_env_or("warn")
+    try:
+        return _serve(options)
+    except RevnmError as error:
+        print(f"revnm-server: {error}", file=sys.stderr)
+        return 2
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="revnm-server", description="A camera on the wall guides robots without cameras."
+    )
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    serve = commands.add_parser("serve", help="watch a camera and drive the robots in its picture")
+    add = serve.add_argument
+    add("--config", type=Path, metavar="FILE", help="settings, YAML")
+    add("--camera", metavar="URL", help="rtsp://…, file:///…?loop=1 or zenoh://NAME (zenoh://camera)")
+    add("--listen", action="append", metavar="ENDPOINT", help="Zenoh endpoint (tcp/127.0.0.1:7447)")
+    add("--http", metavar="HOST:PORT", help="address of page and API (127.0.0.1:8000)")
+    add("--insecure-http", action="store_true", help="let anyone who reaches the HTTP address drive the robots")
+    add("--robot", action="append", metavar="NAME=TAG", help="a robot and the id of its AprilTag (rover=0)")
+    add("--bundle", type=Path, metavar="DIR", help="model bundle (the one that is shipped)")
+    add("--state-file", type=Path, metavar="FILE", help="keeps goals and stops over a restart (none)")
+    return parser
+
+
+def _serve(options: argparse.Namespace) -> int:
+    settings = load_settings(options.config, overrides=_overrides(options))
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    with running_server(settings) as server:
+        print(f"revnm-server: page at {server.url}", flush=True)
+        stop.wait()
+    return 0
+
+
+def _overrides(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what the command line sets, nested as in the settings file."""
+    overrides: dict[str, Any] = {}
+    if options.camera is not None:
+        overrides["camera"] = {"url": options.camera}
+    if options.listen:
+        overrides["zenoh"] = {"listen": options.listen}
+    if options.http is not None:
+        overrides["http"] = _address(options.http)
+    if options.insecure_http:
+        overrides.setdefault("http", {})["insecure"] = True
+    if options.robot:
+        overrides["robots"] = dict(_robot(text) for text in options.robot)
+    if options.bundle is not None:
+        overrides["perception"] = {"bundle": options.bundle}
+    if options.state_file is not None:
+        overrides["state_file"] = options.state_file
+    return overrides
+
+
+def _address(text: str) -> dict[str, Any]:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal():
+        raise ConfigError(f"--http {text}: expected HOST:PORT, such as 127.0.0.1:8000")
+    return {"host": host.removeprefix("[").removesuffix("]"), "port": int(port)}
+
+
+def _robot(text: str) -> tuple[str, int]:
+    name, _, tag = text.partition("=")
+    if not tag.isdecimal():
+        raise ConfigError(f"--robot {text}: expected NAME=TAG, such as rover=3")
+    return name, int(tag)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

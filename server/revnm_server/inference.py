@@ -1,0 +1,114 @@
+"""Runs ONNX models; the only module that imports onnxruntime.
+
+Everything else sees :class:`OnnxModel`, so another runtime is one file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+from onnxruntime.capi import onnxruntime_pybind11_state as _ort
+
+from revnm_client.errors import ContractError, FileError
+
+Shape = tuple[int | None, ...]
+
+# onnxruntime's exceptions have no common base.
+_ORT_ERRORS: tuple[type[Exception], ...] = (
+    _ort.EPFail,
+    _ort.Fail,
+    _ort.InvalidArgument,
+    _ort.InvalidGraph,
+    _ort.InvalidProtobuf,
+    _ort.NoModel,
+    _ort.NoSuchFile,
+    _ort.NotFound,
+    _ort.NotImplemented,
+    _ort.RuntimeException,
+    RuntimeError,
+    ValueError,
+)
+_LOG_FATAL_ONLY = 4
+
+
+class OnnxModel:
+    """A loaded ONNX model on the CPU; ``run`` may be called from several threads."""
+
+    def __init__(self, path: Path, *, threads: int = 2) -> None:
+        """Load the model.
+
+        Args:
+            path: The ``.onnx`` file.
+            threads: Threads that one call may use.
+
+        Raises:
+            FileError: The file is not there or is no model that onnxruntime can run.
+        """
+        self.path = path
+        if not path.is_file():
+            raise FileError(f"{path}: missing")
+        try:
+            self._session = onnxruntime.InferenceSession(
+                str(path), _session_options(threads), providers=["CPUExecutionProvider"]
+            )
+        except _ORT_ERRORS as error:
+            raise FileError(f"{path}: no model that onnxruntime can run: {_first_line(error)}") from error
+
+    @property
+    def inputs(self) -> dict[str, Shape]:
+        """Shape of each input by name; a dynamic axis is None."""
+        return {value.name: _shape(value.shape) for value in self._session.get_inputs()}
+
+    @property
+    def outputs(self) -> dict[str, Shape]:
+        """Shape of each output by name; a dynamic axis is None."""
+        return {value.name: _shape(value.shape) for value in self._session.get_outputs()}
+
+    def run(self, **arrays: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        """Run the model once.
+
+        Args:
+            arrays: One array per input of the model, with its dtype and shape.
+
+        Returns:
+            One array per output, by name.
+
+        Raises:
+            ContractError: An input does not fit the model, or an output is not finite.
+        """
+        names = list(self.outputs)
+        try:
+            values = self._session.run(names, arrays)
+        except _ORT_ERRORS as error:
+            given = ", ".join(f"{name} {a.dtype}{list(a.shape)}" for name, a in arrays.items())
+            raise ContractError(f"{self.path}: cannot run on {given}: {_first_line(error)}") from error
+        return self._finite(dict(zip(names, values, strict=True)))
+
+    def _finite(self, outputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        for name, value in outputs.items():
+            if not np.isfinite(value).all():
+                raise ContractError(f"{self.path}: output {name} is not finite")
+        return dict(outputs)
+
+
+def _session_options(threads: int) -> Any:
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = _LOG_FATAL_ONLY  # errors come as exceptions
+    # Idle threads that spin would take the cores from the camera's decoder and from the other models.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    return options
+
+
+def _shape(dims: list[int | str | None]) -> Shape:
+    return tuple(dim if isinstance(dim, int) else None for dim in dims)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().split("\n", maxsplit=1)[0]

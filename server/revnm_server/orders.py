@@ -1,0 +1,119 @@
+"""Stops and resumes on their way to the robots: each is repeated until the robot has confirmed it.
+
+A query is used because its reply is the acknowledgement. It blocks up to half a second, so nothing here may run
+in the tick's thread or in an event loop.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Literal
+
+import zenoh
+
+from revnm_client import keys
+from revnm_client.control_messages import StopReply, StopRequest, decode_stop_reply, encode_stop_request
+from revnm_client.errors import MessageError
+from revnm_server.mission import Mission
+
+logger = logging.getLogger(__name__)
+
+ACKNOWLEDGE_S = 0.5
+_REPEAT_S = 1.0
+
+
+class OrderCourier:
+    """Delivers what the mission orders; :meth:`start` repeats what is unconfirmed once a second.
+
+    Args:
+        session: An open session.
+        mission: Says what each robot is to be told, and is told what has been confirmed.
+    """
+
+    def __init__(self, session: zenoh.Session, mission: Mission) -> None:
+        self._session = session
+        self._mission = mission
+        self._one_at_a_time = {robot: threading.Lock() for robot in mission.names}
+        self._rejected = dict.fromkeys(mission.names, 0)
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._repeat, name="orders", daemon=True)
+
+    def start(self) -> None:
+        """Begin to repeat unconfirmed orders."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop repeating."""
+        self._closing.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Number of malformed replies by key."""
+        return {keys.stop(robot): count for robot, count in self._rejected.items()}
+
+    def deliver(self, robot: str) -> bool:
+        """Tell ``robot`` what is ordered now; return whether nothing is left unconfirmed."""
+        with self._one_at_a_time[robot]:  # a late resume must not overtake a stop
+            wanted = self._mission.of(robot)
+            if wanted.order is None:
+                return True
+            if not self._ask(robot, wanted.order, wanted.epoch):
+                return False
+            self._mission.confirm(robot, wanted)
+            return True
+
+    def halt(self, robots: Iterable[str]) -> None:
+        """Tell robots to stand because the server shuts down; returns after half a second at the latest."""
+        halted = list(robots)
+        if not halted:
+            return
+        with ThreadPoolExecutor(max_workers=len(halted), thread_name_prefix="halt") as pool:
+            for robot, confirmed in zip(halted, pool.map(self._halt_one, halted), strict=True):
+                logger.info("%s %s", robot, "stands" if confirmed else "has not confirmed that it stands")
+
+    def _halt_one(self, robot: str) -> bool:
+        epoch = self._mission.halt(robot).epoch
+        with self._one_at_a_time[robot]:
+            return self._ask(robot, "stop", epoch)
+
+    def _repeat(self) -> None:
+        while not self._closing.wait(_REPEAT_S):
+            for robot in self._mission.names:
+                if not self._closing.is_set():
+                    self.deliver(robot)
+
+    def _ask(self, robot: str, action: Literal["stop", "resume"], epoch: int) -> bool:
+        """Return whether everyone who answers for ``robot`` has confirmed, and someone has."""
+        key = keys.stop(robot)
+        replies = []
+        try:
+            for reply in self._session.get(
+                key,
+                payload=encode_stop_request(StopRequest(action, epoch)),
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                priority=zenoh.Priority.INTERACTIVE_HIGH,
+                express=True,
+                timeout=ACKNOWLEDGE_S,
+            ):
+                replies.append(self._decode(robot, reply))  # noqa: PERF401 - what came before an error counts
+        except zenoh.ZError as error:
+            logger.warning("%s: %s", key, error)
+        return bool(replies) and all(
+            reply is not None and reply.stopped is (action == "stop") and reply.epoch >= epoch for reply in replies
+        )
+
+    def _decode(self, robot: str, reply: zenoh.Reply) -> StopReply | None:
+        if reply.ok is None:
+            return None
+        try:
+            return decode_stop_reply(reply.ok.payload.to_bytes())
+        except MessageError as error:
+            self._rejected[robot] += 1
+            logger.warning("reply on %s: %s", keys.stop(robot), error)
+            return None

@@ -1,0 +1,41 @@
+"""The navigation policy of the paper (section III-B): waypoints from disparity, ego depth, pose and goal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from revnm_client.geometry import FloatArray
+from revnm_server.observation import Image32
+
+if TYPE_CHECKING:
+    from revnm_server.bundle import Bundle
+    from revnm_server.ports import PlanRequest
+
+
+class OnnxPolicy:
+    """A planner that is a bundle's policy network, one batch over all robots."""
+
+    def __init__(self, bundle: Bundle) -> None:
+        """Take the network from the bundle."""
+        self._model = bundle.policy
+        self._waypoints = bundle.spec.waypoints
+
+    def waypoints(self, requests: Sequence[PlanRequest]) -> FloatArray:
+        """Return (R, H, 2), metres, in each robot's frame at its sighting's stamp; R may be 0."""
+        if not requests:
+            return np.zeros((0, self._waypoints, 2))
+
+        def batch(part: Callable[[PlanRequest], FloatArray | Image32]) -> Image32:
+            return np.stack([part(request) for request in requests]).astype(np.float32)
+
+        outputs = self._model.run(
+            exo=batch(lambda request: request.exo[:, None]),  # (R, N, 1, h, w)
+            ego=batch(lambda request: request.ego[:, None]),  # (R, N, 1, px, px)
+            robot=batch(lambda request: request.pose.p_rob),  # (R, 2)
+            heading=batch(lambda request: request.pose.q_rel),  # (R, 2)
+            goal=batch(lambda request: request.goal),  # (R, 2)
+        )
+        return np.asarray(outputs["waypoints"], dtype=np.float64)

@@ -1,0 +1,102 @@
+"""What the pipeline asks of its stages: each stage can be a network, the simulator's truth, or a fake.
+
+Stages import this module and never each other. Symbols: R robots, N frames of history, H waypoints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from revnm_client.geometry import FloatArray
+from revnm_server.frame import Frame, RobotSighting
+from revnm_server.observation import Image32, ImagePose
+
+
+class GoalPixel(Protocol):
+    """A goal in the picture, as far as the pipeline cares."""
+
+    @property
+    def id(self) -> str:
+        """The goal's name; the plan carries it."""
+        ...
+
+    @property
+    def normalised(self) -> FloatArray | tuple[float, float]:
+        """(2,) the goal's pixel divided by the picture's width and height."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class EgoRequest:
+    """One robot's input to exo2ego.
+
+    Attributes:
+        robot: The robot's name.
+        stamp_ns: Capture time of the newest picture, nanoseconds, server's clock.
+        pose: Where the robot is in the picture.
+        crops: (N, crop_px, crop_px) in [0, 1], oldest first, all cut around ``pose``.
+    """
+
+    robot: str
+    stamp_ns: int
+    pose: ImagePose
+    crops: Image32
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRequest:
+    """One robot's input to a planner.
+
+    Attributes:
+        robot: The robot's name.
+        stamp_ns: Capture time of the newest picture, nanoseconds, server's clock.
+        sighting: Where the robot was seen last.
+        pose: The same for the networks.
+        goal: (2,) normalised pixel.
+        goal_id: The goal's name.
+        exo: (N, h, w) in [0, 1], oldest first, the picture's disparity.
+        ego: (N, ego_px, ego_px) in [−1, 1], oldest first, what the robot would see.
+    """
+
+    robot: str
+    stamp_ns: int
+    sighting: RobotSighting
+    pose: ImagePose
+    goal: FloatArray
+    goal_id: str
+    exo: Image32
+    ego: Image32
+
+
+class DisparitySource(Protocol):
+    """Sees how near things are."""
+
+    def disparity(self, frame: Frame) -> Image32:
+        """Return the disparity (h, w) of ``ObservationSpec.disparity_hw``, up to scale and shift; finite."""
+        ...
+
+
+class SightingSource(Protocol):
+    """Sees where the robots are."""
+
+    def sightings(self, frame: Frame) -> list[RobotSighting]:
+        """Return the robots that are visible in this picture, at most one sighting per robot."""
+        ...
+
+
+class EgoDepth(Protocol):
+    """Tells what robots would see ahead of them."""
+
+    def synthesise(self, requests: Sequence[EgoRequest]) -> Image32:
+        """Return ego depth (R, ego_px, ego_px) in [−1, 1], one per request; R may be 0."""
+        ...
+
+
+class Planner(Protocol):
+    """Decides where robots go."""
+
+    def waypoints(self, requests: Sequence[PlanRequest]) -> FloatArray:
+        """Return (R, H, 2), metres, in each robot's frame at its sighting's stamp; R may be 0."""
+        ...

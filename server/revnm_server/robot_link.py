@@ -1,0 +1,84 @@
+"""The server's ends of one robot's keys: plans out, state in, the clock on request."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+import zenoh
+
+from revnm_client import keys
+from revnm_client.cdr import encode_attachment, encode_plan
+from revnm_client.control_messages import (
+    TimeReply,
+    decode_state,
+    decode_time_request,
+    encode_time_reply,
+)
+from revnm_client.errors import MessageError
+from revnm_client.json_payload import Scalar
+from revnm_client.link import Inbox, LatestSubscriber, control_publisher
+from revnm_client.messages import Plan
+
+logger = logging.getLogger(__name__)
+
+
+class RobotLink:
+    """Talks with one robot; hears it only when :meth:`listen` is called, by one thread.
+
+    Attributes:
+        robot: The robot's name.
+        state: What the robot last said of itself; None before that.
+    """
+
+    def __init__(self, session: zenoh.Session, robot: str) -> None:
+        self.robot = robot
+        self.state: dict[str, Scalar] | None = None
+        self._heard_s = 0.0
+        self._time_key = keys.time(robot)
+        self._time_rejected = 0
+        self._subscriber = LatestSubscriber(session, keys.state(robot))
+        self._inbox = Inbox(self._subscriber, decode_state)
+        self._publisher = control_publisher(session, keys.waypoints(robot))
+        self._clock: zenoh.Queryable[None] = session.declare_queryable(self._time_key, self._tell_time)
+
+    def listen(self) -> bool:
+        """Take the newest state; return whether there was one."""
+        state = self._inbox.take()
+        if state is None:
+            return False
+        self.state, self._heard_s = state, time.monotonic()
+        return True
+
+    @property
+    def state_age_s(self) -> float | None:
+        """Time since the robot was heard; None before that."""
+        return time.monotonic() - self._heard_s if self.state is not None else None
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Number of malformed payloads by key."""
+        return {keys.state(self.robot): self._inbox.rejected, self._time_key: self._time_rejected}
+
+    def publish(self, plan: Plan) -> None:
+        """Send a plan; it is dropped rather than queued."""
+        self._publisher.put(encode_plan(plan), attachment=encode_attachment(plan))
+
+    def close(self) -> None:
+        """Leave the keys."""
+        self._clock.undeclare()  # type: ignore[no-untyped-call]
+        self._publisher.undeclare()  # type: ignore[no-untyped-call]
+        self._subscriber.close()
+
+    def _tell_time(self, query: zenoh.Query) -> None:
+        """Answer a request for the time; runs in Zenoh's thread, which swallows what is raised."""
+        arrived_ns = time.time_ns()
+        try:
+            request = decode_time_request(query.payload.to_bytes() if query.payload is not None else b"")
+            reply = TimeReply(request.t1_ns, arrived_ns, max(arrived_ns, time.time_ns()))
+            query.reply(self._time_key, encode_time_reply(reply))
+        except MessageError as error:
+            self._time_rejected += 1
+            query.reply_err(str(error).encode())
+        except zenoh.ZError as error:
+            logger.warning("%s: %s", self._time_key, error)

@@ -1,0 +1,167 @@
+"""The server at work: newest frame → pipeline → plans, and what is known of every robot.
+
+One thread ticks. It publishes nothing rather than something old: no running camera, no recent sighting, a failed
+model or a latched stop all mean no plan, and the view says which. On close it tells the robots it drives to
+stand; the goals stay in the mission, so a restarted server tells them to go on.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Mapping
+from typing import Protocol
+
+import zenoh
+
+from revnm_client.messages import Plan
+from revnm_server.camera import CameraSource, CameraState
+from revnm_server.frame import Frame, RobotSighting
+from revnm_server.mission import Goal, Mission
+from revnm_server.orders import OrderCourier
+from revnm_server.overview import Overview, SentPlan
+from revnm_server.pipeline import RobotPlan, TickResult
+from revnm_server.robot_link import RobotLink
+from revnm_server.view import ServerView
+
+logger = logging.getLogger(__name__)
+
+MAX_PLAN_AGE_NS = 1_000_000_000
+_WAIT_S = 0.1
+
+
+class TickSource(Protocol):
+    """Turns pictures into plans: :class:`revnm_server.pipeline.Pipeline`, or a fake."""
+
+    def step(self, frame: Frame, goals: Mapping[str, Goal]) -> TickResult:
+        """Process one picture."""
+        ...
+
+
+class NavigationService:
+    """Drives the mission's robots by one camera.
+
+    Args:
+        session: The router's session.
+        camera: Where pictures come from; closed by the owner.
+        pipeline: Turns pictures into plans.
+        mission: What is wanted.
+        tick_hz: Most ticks a second.
+        tag_size_m: Side of the robots' tags, for drawing.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        *,
+        camera: CameraSource,
+        pipeline: TickSource,
+        mission: Mission,
+        tick_hz: float = 10.0,
+        tag_size_m: float = 0.30,
+    ) -> None:
+        self.camera = camera
+        self.mission = mission
+        self._pipeline = pipeline
+        self._period_s = 1.0 / tick_hz
+        self._links = {robot: RobotLink(session, robot) for robot in mission.names}
+        self._courier = OrderCourier(session, mission)
+        self._overview = Overview(camera, mission, self._links, self._courier, tag_size_m=tag_size_m)
+        self._publishing = threading.Lock()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="tick", daemon=True)
+
+    def start(self) -> None:
+        """Begin to tick."""
+        self._courier.start()
+        self._thread.start()
+
+    @property
+    def closing(self) -> bool:
+        """Whether the service is shutting down."""
+        return self._closing.is_set()
+
+    def close(self) -> None:
+        """Publish no more plans, tell every robot that has a goal to stand, and leave the keys."""
+        with self._publishing:
+            self._closing.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._courier.close()
+        self._courier.halt(self.mission.driving_goals())
+        for link in self._links.values():
+            link.close()
+
+    def stop(self, robot: str) -> bool:
+        """Stop ``robot`` and drop its goal; return whether it has confirmed. Blocks up to 0.5 s.
+
+        Raises:
+            UnknownRobotError: It is not configured.
+        """
+        self.mission.stop(robot)
+        return self._courier.deliver(robot)
+
+    def resume(self, robot: str) -> bool:
+        """Release the stop of ``robot``; return whether it has confirmed. Blocks up to 0.5 s.
+
+        Raises:
+            UnknownRobotError: It is not configured.
+        """
+        self.mission.resume(robot)
+        return self._courier.deliver(robot)
+
+    def view(self) -> ServerView:
+        """Return what there is to show now; never waits for the tick, the network or the disk."""
+        return self._overview.view()
+
+    def _run(self) -> None:
+        seq = -1
+        while not self._closing.is_set():
+            frame = self.camera.wait_newer(seq, timeout_s=_WAIT_S)
+            began_s = time.monotonic()
+            try:
+                self._listen()
+                if frame is not None:
+                    seq = frame.seq
+                    self._tick(frame)
+            except Exception as error:  # no plan is sent and the view says why
+                if self._overview.note_fault(error):
+                    logger.exception("tick failed: no plans are sent")
+            if frame is not None:
+                self._closing.wait(began_s + self._period_s - time.monotonic())
+
+    def _listen(self) -> None:
+        """Hear the robots; tell a robot again that moves on though it was stopped."""
+        for robot, link in self._links.items():
+            if not link.listen() or link.state is None:
+                continue
+            self.mission.believe_epoch(robot, int(link.state["epoch"] or 0))
+            if self.mission.of(robot).stopped and link.state["stopped"] is False:
+                self.mission.repeat_order(robot)
+
+    def _tick(self, frame: Frame) -> None:
+        if self.camera.status().state is not CameraState.RUNNING:
+            return
+        result = self._pipeline.step(frame, self.mission.driving_goals())
+        now_seen = {s.robot: s for s in result.sightings if s.robot in self._links}
+        for robot, sighting in now_seen.items():
+            if sighting.stamp_ns == frame.stamp_ns:
+                u, v = (float(x) for x in sighting.pixel)
+                self.mission.note_position(robot, (u, v), size_px=frame.size_px)
+        sent = {plan.robot: self._publish(plan, now_seen[plan.robot]) for plan in result.plans}
+        published = {robot: plan for robot, plan in sent.items() if plan is not None}
+        self._overview.note_tick(result, published)
+
+    def _publish(self, plan: RobotPlan, sighting: RobotSighting) -> SentPlan | None:
+        """Send a plan if it is still fresh and still wanted."""
+        old = time.time_ns() - plan.stamp_ns > MAX_PLAN_AGE_NS
+        if old or self.camera.status().state is not CameraState.RUNNING:
+            return None
+        with self._publishing:
+            number = self.mission.number_plan(plan.robot, plan.goal_id)
+            if number is None or self._closing.is_set():
+                return None
+            message = Plan(plan.stamp_ns, plan.waypoints_m, number.epoch, number.seq, plan.goal_id)
+            self._links[plan.robot].publish(message)
+        return SentPlan(time.monotonic(), plan.waypoints_m, sighting)

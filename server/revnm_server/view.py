@@ -1,0 +1,154 @@
+"""What the server shows of itself: the document behind the page and ``/api/v1/state``."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from revnm_client.geometry import FloatArray
+from revnm_client.json_payload import Scalar
+from revnm_server.frame import RobotSighting
+
+_TIMINGS_KEPT = 200
+_FARTHEST_PX = 20_000.0
+_SMALLEST_DEPTH = 0.05
+
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraView:
+    """The camera: ``frame_age_s`` since the newest picture came; ``reason`` why it is not running."""
+
+    url: str
+    state: Literal["init", "running", "stale", "reconnecting", "ended"]
+    size_px: tuple[int, int] | None
+    fps: float | None
+    frame_age_s: float | None
+    reason: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class GoalView:
+    """A goal: its pixel (u, v) in the picture as it is now."""
+
+    u: float
+    v: float
+    id: str
+
+
+@dataclass(frozen=True, slots=True)
+class RobotView:
+    """One robot.
+
+    Attributes:
+        name: Its name.
+        status: What it is doing; ``waiting`` has a goal and gets no plan.
+        reason: Why it waits, or what else a person should know.
+        goal: Where it is to go.
+        pixel: Where it was seen last, pixels.
+        heading: Unit vector of its forward axis in the picture, then.
+        sighting_age_s: How long ago that was.
+        path_px: The last plan drawn in the picture, while it drives.
+        waypoints_m: The same in the robot's frame, metres, x forward, y left.
+        robot_state: What it last said of itself.
+        robot_state_age_s: How long ago that was.
+        epoch: Raised by every stop.
+        seq: Number of its last plan.
+    """
+
+    name: str
+    status: Literal["no_goal", "driving", "arrived", "stopped", "waiting"]
+    reason: str | None
+    goal: GoalView | None
+    pixel: Pair | None
+    heading: Pair | None
+    sighting_age_s: float | None
+    path_px: list[Pair]
+    waypoints_m: list[Pair]
+    robot_state: dict[str, Scalar] | None
+    robot_state_age_s: float | None
+    epoch: int
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class TimingView:
+    """How long a stage takes lately, milliseconds."""
+
+    p50: float
+    p95: float
+
+
+@dataclass(frozen=True, slots=True)
+class ServerView:
+    """Everything the page shows.
+
+    Attributes:
+        camera: The camera.
+        robots: All robots.
+        timings_ms: By stage: ``depth``, ``tag``, ``exo2ego``, ``policy``, ``tick``.
+        ready: Whether a goal would be driven to now.
+        reasons: Why it is not ready.
+        warnings: What is odd, though it works.
+        rejected: Number of malformed payloads by Zenoh key.
+    """
+
+    camera: CameraView
+    robots: list[RobotView]
+    timings_ms: dict[str, TimingView]
+    ready: bool
+    reasons: list[str]
+    warnings: list[str]
+    rejected: dict[str, int]
+
+
+class Timings:
+    """The last durations of each stage."""
+
+    def __init__(self) -> None:
+        self._kept_ms: dict[str, deque[float]] = {}
+
+    def add(self, timings_ms: Mapping[str, float]) -> None:
+        """Take the durations of one tick."""
+        for stage, duration_ms in timings_ms.items():
+            self._kept_ms.setdefault(stage, deque(maxlen=_TIMINGS_KEPT)).append(duration_ms)
+
+    def view(self) -> dict[str, TimingView]:
+        """Return the percentiles by stage."""
+        return {
+            stage: TimingView(*(round(float(p), 2) for p in np.percentile(list(kept), (50, 95))))
+            for stage, kept in self._kept_ms.items()
+        }
+
+
+def pairs(points: FloatArray, *, digits: int) -> list[Pair]:
+    """Return points (N, 2) as rounded pairs."""
+    return [(round(float(x), digits), round(float(y), digits)) for x, y in points]
+
+
+def path_in_picture(waypoints_m: FloatArray, sighting: RobotSighting, *, tag_size_m: float) -> FloatArray:
+    """Draw waypoints in the picture by the homography of the robot's tag: no calibration is needed.
+
+    Args:
+        waypoints_m: (H, 2), metres, in the robot's frame at the sighting.
+        sighting: Where the tag's corners are.
+        tag_size_m: Side of the tag's black border.
+
+    Returns:
+        (K, 2) pixels, K <= H: the path ends where it would leave the plane's visible side.
+    """
+    half = 0.5 * tag_size_m
+    corners_m = np.array([[half, half], [half, -half], [-half, -half], [-half, half]], dtype=np.float32)
+    homography = cv2.getPerspectiveTransform(corners_m, sighting.corners.astype(np.float32))
+    points = np.column_stack([waypoints_m, np.ones(len(waypoints_m))]) @ homography.T  # (H, 3)
+    depth = points[:, 2] / homography[2, 2]
+    seen = np.logical_and.accumulate(depth > _SMALLEST_DEPTH)
+    pixels = points[seen, :2] / points[seen, 2:]
+    near = np.logical_and.accumulate(np.all(np.abs(pixels) < _FARTHEST_PX, axis=1))
+    return np.asarray(pixels[near], dtype=np.float64)

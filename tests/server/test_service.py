@@ -1,0 +1,283 @@
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh
+
+from revnm_client import keys
+from revnm_client.control_messages import TimeRequest, decode_time_reply, encode_time_request
+from revnm_client.link import open_client, open_router
+from revnm_server.camera import CameraSource, open_camera
+from revnm_server.frame import RobotSighting
+from revnm_server.mission import Mission
+from revnm_server.service import NavigationService
+from revnm_server.view import RobotView, path_in_picture
+
+from .free_port import free_port
+from .service_parts import WAYPOINTS, CameraFeed, FakePipeline, RobotEnd
+from .waiting import eventually
+
+SIZE = (320, 240)
+StartService = Callable[..., NavigationService]
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def router(endpoint: str) -> Iterator[zenoh.Session]:
+    with open_router([endpoint]) as session:
+        yield session
+
+
+@pytest.fixture
+def client(router: zenoh.Session, endpoint: str) -> Iterator[zenoh.Session]:
+    with open_client([endpoint]) as session:
+        yield session
+
+
+@pytest.fixture
+def pipeline() -> FakePipeline:
+    return FakePipeline()
+
+
+@pytest.fixture
+def camera(router: zenoh.Session) -> Iterator[CameraSource]:
+    source = open_camera("zenoh://camera", router)
+    yield source
+    source.close()
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Mission:
+    return Mission(["rover"], state_file=tmp_path / "state.json")
+
+
+@pytest.fixture
+def service(
+    router: zenoh.Session, camera: CameraSource, pipeline: FakePipeline, mission: Mission
+) -> Iterator[NavigationService]:
+    running = NavigationService(router, camera=camera, pipeline=pipeline, mission=mission, tick_hz=50)
+    running.start()
+    yield running
+    if not running.closing:
+        running.close()
+
+
+def rover(service: NavigationService) -> RobotView:
+    return service.view().robots[0]
+
+
+def test_a_goal_becomes_plans(service: NavigationService, client: zenoh.Session) -> None:
+    with RobotEnd(client) as robot, CameraFeed(client):
+        eventually(lambda: service.view().camera.state == "running")
+        assert rover(service).status == "no_goal"
+        goal = service.mission.set_goal("rover", 300, 50, size_px=SIZE)
+        eventually(lambda: len(robot.plans) >= 3)
+        eventually(lambda: rover(service).status == "driving")
+        shown = rover(service)
+    plans = robot.plans
+    assert {plan.goal_id for plan in plans} == {goal.id}
+    assert {plan.epoch for plan in plans} == {service.mission.of("rover").epoch}
+    assert [plan.seq for plan in plans] == list(range(plans[0].seq, plans[0].seq + len(plans)))
+    assert np.allclose(plans[0].waypoints_m, WAYPOINTS)
+    assert abs(plans[-1].stamp_ns - time.time_ns()) < 5_000_000_000
+    # A tag of 0.30 m is 30 px wide, the robot looks right: 0.3 m ahead is 30 px to the right.
+    assert shown.path_px == [(130.0, 100.0), (160.0, 100.0)]
+    assert (shown.pixel, shown.heading, shown.goal and shown.goal.u) == ((100.0, 100.0), (1.0, 0.0), 300.0)
+    assert service.view().timings_ms["tick"].p50 == 4.0
+
+
+def test_a_stale_camera_gives_no_plan(service: NavigationService, client: zenoh.Session) -> None:
+    with RobotEnd(client) as robot:
+        with CameraFeed(client):
+            eventually(lambda: service.camera.latest())
+            service.mission.set_goal("rover", 300, 50, size_px=SIZE)
+            eventually(lambda: robot.plans)
+        eventually(lambda: rover(service).status == "waiting")
+        count = len(robot.plans)
+        eventually(lambda: service.view().camera.state == "stale")
+        assert "camera stale: no new picture" in str(rover(service).reason)
+        assert any("camera stale" in reason for reason in service.view().reasons)
+        assert len(robot.plans) == count
+
+
+def test_a_failed_model_gives_no_plan_and_is_told(
+    service: NavigationService, pipeline: FakePipeline, client: zenoh.Session
+) -> None:
+    with RobotEnd(client) as robot, CameraFeed(client):
+        eventually(lambda: service.camera.latest())
+        service.mission.set_goal("rover", 300, 50, size_px=SIZE)
+        eventually(lambda: robot.plans)
+        pipeline.broken = "the network gave NaN"
+        eventually(lambda: any("the network gave NaN" in reason for reason in service.view().reasons))
+        eventually(lambda: rover(service).status == "waiting")
+        assert "the network gave NaN" in str(rover(service).reason)
+        count = len(robot.plans)
+        pipeline.broken = None
+        eventually(lambda: len(robot.plans) > count)
+        assert not any("NaN" in reason for reason in service.view().reasons)
+
+
+def test_a_lost_tag_gives_no_plan_and_is_told(
+    service: NavigationService, pipeline: FakePipeline, client: zenoh.Session
+) -> None:
+    pipeline.pixels.clear()
+    with RobotEnd(client) as robot, CameraFeed(client):
+        eventually(lambda: service.camera.latest())
+        service.mission.set_goal("rover", 300, 50, size_px=SIZE)
+        eventually(lambda: pipeline.goals_seen and pipeline.goals_seen[-1])
+        assert rover(service).status == "waiting"
+        assert rover(service).reason == "the robot's tag has not been seen yet"
+        assert robot.plans == []
+
+
+def test_stop_is_acknowledged_and_resume_too(service: NavigationService, client: zenoh.Session) -> None:
+    with RobotEnd(client) as robot, CameraFeed(client):
+        eventually(lambda: service.camera.latest())
+        goal = service.mission.set_goal("rover", 300, 50, size_px=SIZE)
+        eventually(lambda: robot.plans)
+        assert service.stop("rover") is True
+        assert robot.stopped
+        assert robot.epoch == service.mission.of("rover").epoch > robot.plans[-1].epoch
+        assert (rover(service).status, rover(service).goal) == ("stopped", None)
+        count = len(robot.plans)
+        assert service.resume("rover") is True
+        assert not robot.stopped
+        assert rover(service).status == "no_goal"
+        service.mission.set_goal("rover", 300, 50, size_px=SIZE)
+        eventually(lambda: len(robot.plans) > count)
+        assert robot.plans[-1].goal_id != goal.id
+        assert robot.plans[-1].epoch == robot.epoch
+
+
+def test_a_stop_nobody_confirms_is_repeated_until_somebody_does(
+    service: NavigationService, client: zenoh.Session
+) -> None:
+    assert service.stop("rover") is False
+    assert rover(service).reason == "the robot has not confirmed the stop"
+    with RobotEnd(client) as robot:
+        eventually(lambda: robot.stopped)
+        eventually(lambda: rover(service).reason is None)
+        # The robot starts anew and knows nothing of a stop: it is told again.
+        robot.stopped = False
+        robot.say(epoch=0)
+        eventually(lambda: robot.stopped)
+
+
+def test_a_liar_confirms_nothing(service: NavigationService, client: zenoh.Session) -> None:
+    for reply in (b'{"stopped":false,"epoch":99}', b"\xff garbage", b'{"stopped":true,"epoch":0}'):
+        queryable = client.declare_queryable(
+            keys.stop("rover"), lambda query, reply=reply: query.reply(keys.stop("rover"), reply)
+        )
+        eventually(lambda: client.get(keys.stop("rover"), timeout=1.0) is not None)
+        assert service.stop("rover") is False
+        queryable.undeclare()
+    assert service.view().rejected[keys.stop("rover")] >= 1
+
+
+def test_arrival_ends_the_plans(service: NavigationService, pipeline: FakePipeline, client: zenoh.Session) -> None:
+    with RobotEnd(client) as robot, CameraFeed(client):
+        eventually(lambda: service.camera.latest())
+        service.mission.set_goal("rover", 200, 100, size_px=SIZE)
+        eventually(lambda: robot.plans)
+        pipeline.pixels["rover"] = (191.0, 100.0)  # 9 px, of 10 px in a picture 320 wide
+        eventually(lambda: rover(service).status == "arrived")
+        ticks, count = len(pipeline.goals_seen), len(robot.plans)
+        eventually(lambda: len(pipeline.goals_seen) > ticks + 3)
+        assert len(robot.plans) == count
+        assert pipeline.goals_seen[-1] == {}
+
+
+def test_garbage_is_counted_and_changes_nothing(service: NavigationService, client: zenoh.Session) -> None:
+    with RobotEnd(client) as robot:
+        robot.say(v_mps=0.4)
+        eventually(lambda: rover(service).robot_state)
+        before = rover(service).robot_state
+        hostile = [
+            b"",
+            b"\x00" * 100,
+            b"{",
+            b'{"robot":1}',
+            b"[" * 4000,
+            json.dumps({"x": 1e400}).encode(),
+            b"1" * 9999,
+        ]
+        for count, payload in enumerate(hostile, start=1):
+            client.put(keys.state("rover"), payload)
+            eventually(lambda count=count: service.view().rejected[keys.state("rover")] == count)
+        assert rover(service).robot_state == before
+        assert before is not None
+        assert before["v_mps"] == 0.4
+
+
+def test_the_time_is_told(service: NavigationService, client: zenoh.Session) -> None:
+    before_ns = time.time_ns()
+    payload = encode_time_request(TimeRequest(123))
+    replies = eventually(lambda: [r for r in client.get(keys.time("rover"), payload=payload, timeout=1.0) if r.ok])
+    reply = decode_time_reply(replies[0].ok.payload.to_bytes())  # type: ignore[union-attr]
+    assert reply.t1_ns == 123
+    assert before_ns <= reply.t2_ns <= reply.t3_ns <= time.time_ns()
+    errors = [reply.err for reply in client.get(keys.time("rover"), payload=b"what time is it", timeout=1.0)]
+    assert errors[0] is not None
+    assert service.view().rejected[keys.time("rover")] == 1
+
+
+def test_on_close_the_robot_is_told_to_stand_and_after_the_restart_to_go_on(
+    service: NavigationService,
+    router: zenoh.Session,
+    camera: CameraSource,
+    pipeline: FakePipeline,
+    client: zenoh.Session,
+    tmp_path: Path,
+) -> None:
+    with RobotEnd(client) as robot, CameraFeed(client):
+        eventually(lambda: service.camera.latest())
+        goal = service.mission.set_goal("rover", 300, 50, size_px=SIZE)
+        eventually(lambda: robot.plans)
+        service.close()
+        assert robot.stopped
+        assert robot.epoch > robot.plans[-1].epoch
+        count = len(robot.plans)
+        mission = Mission(["rover"], state_file=tmp_path / "state.json")
+        again = NavigationService(router, camera=camera, pipeline=pipeline, mission=mission)
+        try:
+            again.start()
+            eventually(lambda: not robot.stopped)
+            eventually(lambda: len(robot.plans) > count)
+            assert robot.plans[-1].goal_id == goal.id
+            assert robot.plans[-1].epoch >= robot.epoch
+        finally:
+            again.close()
+
+
+def test_a_server_without_its_state_file_catches_up_with_the_robot(
+    service: NavigationService, client: zenoh.Session
+) -> None:
+    with RobotEnd(client) as robot:
+        eventually(lambda: robot.say(epoch=50) or service.mission.of("rover").epoch == 50)
+
+
+def test_ready_needs_camera_and_robot(service: NavigationService, client: zenoh.Session) -> None:
+    reasons = service.view().reasons
+    assert reasons == ["camera init: no picture yet", "no robot reports its state: rover"]
+    with RobotEnd(client) as robot, CameraFeed(client):
+        eventually(lambda: robot.say() or service.view().ready)
+
+
+def test_a_path_ends_where_it_would_pass_the_camera() -> None:
+    # The far edge is a third of the near one: depth is 1 + x / 0.3 m of that at the tag, 0 at x = -0.3 m.
+    corners = np.array([[95.0, 90.0], [105.0, 90.0], [115.0, 110.0], [85.0, 110.0]])
+    tilted = RobotSighting("rover", 0, np.array([100.0, 95.0]), np.array([0.0, -1.0]), corners)
+    behind = np.array([[-0.1, 0.0], [-0.25, 0.0], [-0.5, 0.0], [-0.1, 0.0]])
+    path = path_in_picture(behind, tilted, tag_size_m=0.3)
+    assert len(path) == 2
+    assert np.allclose(path[:, 0], 100.0, atol=1e-3)
+    assert path[1, 1] > path[0, 1] > 95.0

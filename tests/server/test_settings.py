@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from revnm_client.errors import ConfigError, FileError
+from revnm_server.settings import load_settings
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    return tmp_path / "server.yaml"
+
+
+def test_command_line_over_environment_over_file(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config.write_text("http: {port: 1001, host: 127.0.0.2}\nrobots: {a: 1}\nperception: {tick_hz: 4}\n")
+    monkeypatch.setenv("REVNM_HTTP__PORT", "1002")
+    monkeypatch.setenv("REVNM_PERCEPTION__TICK_HZ", "5")
+    settings = load_settings(config, overrides={"http": {"port": 1003}})
+    assert (settings.http.port, settings.http.host) == (1003, "127.0.0.2")
+    assert settings.perception.tick_hz == 5
+    assert settings.robots == {"a": 1}
+
+
+def test_an_error_names_file_line_and_key(config: Path) -> None:
+    config.write_text("robots:\n  rover: 3\nhttp:\n  port: 80000\n  speed: 1\n")
+    with pytest.raises(ConfigError) as caught:
+        load_settings(config)
+    assert f"{config}:4: http.port: " in str(caught.value)
+    assert f"{config}:5: http.speed: " in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["- 1", "a: [", "1: 2", "x"])
+def test_a_file_that_is_no_mapping_is_refused(config: Path, text: str) -> None:
+    config.write_text(text)
+    with pytest.raises(FileError, match=r"server\.yaml"):
+        load_settings(config)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.5", "::", "camera.example"])
+def test_an_address_that_others_reach_needs_a_token_or_plain_words(host: str) -> None:
+    with pytest.raises(ConfigError, match="insecure-http"):
+        load_settings(overrides={"http": {"host": host}})
+    assert load_settings(overrides={"http": {"host": host, "insecure": True}}).http.host == host
+    assert load_settings(overrides={"http": {"host": host, "token": "a" * 16}}).http.host == host
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost", "127.5.0.1"])
+def test_loopback_needs_no_token(host: str) -> None:
+    assert load_settings(overrides={"http": {"host": host}}).http.loopback
+
+
+@pytest.mark.parametrize("robots", [{}, {"a": 1, "b": 1}, {"a/b": 1}, {"a": 587}, {"a": -1}])
+def test_robots_have_names_and_tags_of_their_own(robots: dict[str, int]) -> None:
+    with pytest.raises(ConfigError, match="robots"):
+        load_settings(overrides={"robots": robots})
+
+
+def test_secrets_are_neither_shown_nor_told() -> None:
+    secret = "hushhushhushhush"
+    settings = load_settings(overrides={"http": {"token": secret}, "camera": {"url": "rtsp://u:hushhush@cam/live"}})
+    assert "hushhush" not in repr(settings)
+    with pytest.raises(ConfigError) as caught:
+        load_settings(overrides={"http": {"token": "hush hush"}, "camera": {"url": "http://u:hushhush@cam"}})
+    assert "hush" not in str(caught.value)
