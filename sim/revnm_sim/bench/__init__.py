@@ -1,0 +1,1 @@
+"""The benchmark: the live pipeline and controller in simulated time, many trials, one table."""

@@ -1,0 +1,17 @@
+"""The methods that are compared: one file each, all behind the same controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import MappingProxyType
+
+from revnm_sim.bench.methods.expert import ExpertMethod
+from revnm_sim.bench.methods.method import Method, MethodContext, Perception
+from revnm_sim.bench.methods.revnm import RevnmMethod
+from revnm_sim.bench.methods.straight import StraightMethod
+
+METHODS: MappingProxyType[str, Callable[[MethodContext], Method]] = MappingProxyType(
+    {"revnm": RevnmMethod, "straight": StraightMethod, "expert": ExpertMethod}
+)
+
+__all__ = ["METHODS", "Method", "MethodContext", "Perception"]

@@ -1,0 +1,167 @@
+"""One trial: the live system's pipeline and controller around a simulated robot, faster than real time.
+
+The clock is the simulation's. Pictures come at 5 Hz, scans at 10 Hz, control at 20 Hz; a plan reaches the robot
+100 ms after its picture, as inference and network would have it.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from revnm_client.agent import AgentConfig, RobotAgent
+from revnm_client.messages import Plan
+from revnm_sim.bench.methods import METHODS, MethodContext, Perception
+from revnm_sim.expert import Expert
+from revnm_sim.scenario import Scenario, benchmark_scenario, segment_blocked
+from revnm_sim.simulation import Simulation
+
+CONTROL_S = 0.05
+_CONTROLS_PER_SCAN = 2
+_CONTROLS_PER_PICTURE = 4
+_PLAN_DELAY_NS = 100_000_000
+TIME_LIMIT_S = 60.0
+GOAL_RADIUS_M = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class TrialKey:
+    """Which trial: equal keys give equal results, times apart.
+
+    Attributes:
+        world: Name of the world.
+        method: Name of the method.
+        perception: Where depth comes from.
+        seed: Of the benchmark.
+        index: Of the trial.
+        bundle: Folder of the model bundle, for the methods that have models.
+        manifest_sha256: Of the bundle's manifest, which holds the hashes of its models.
+    """
+
+    world: str
+    method: str
+    perception: Perception
+    seed: int
+    index: int
+    bundle: str
+    manifest_sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class TrialResult:
+    """What came of a trial.
+
+    Attributes:
+        success: Within the goal's radius in time and without contact.
+        collision: The body touched something.
+        timeout: Neither in time.
+        duration_s: Simulated time until it ended.
+        path_m: Driven.
+        expert_m: Length of the expert's way.
+        closest_m: Least clearance of the body.
+        blocked: Something stood in the straight way.
+        tick_p50_ms: Median time to make a plan.
+        robot_tick_p50_ms: Median time of the robot's tick.
+    """
+
+    success: bool
+    collision: bool
+    timeout: bool
+    duration_s: float
+    path_m: float
+    expert_m: float
+    closest_m: float
+    blocked: bool
+    tick_p50_ms: float
+    robot_tick_p50_ms: float
+
+
+def run_trial(key: TrialKey) -> TrialResult:
+    """Build the scenario of a key and drive it to its end."""
+    scenario = benchmark_scenario(key.world, seed=key.seed, index=key.index)
+    return Trial(scenario, key).run()
+
+
+class Trial:
+    """A robot on its way."""
+
+    def __init__(self, scenario: Scenario, key: TrialKey) -> None:
+        """Set everything up.
+
+        Args:
+            scenario: Where.
+            key: How.
+        """
+        self._scenario = scenario
+        expert = Expert(scenario.world)
+        field = expert.field(scenario.goal_m)
+        start = np.array([[scenario.start.x_m, scenario.start.y_m]])
+        self._expert_m = field.length_m(start[0])
+        self._blocked = bool(segment_blocked(expert.grid, start, np.array(scenario.goal_m))[0])
+        self._simulation = Simulation(scenario, scenario.seed)
+        self._method = METHODS[key.method](MethodContext(scenario, self._simulation, field, key.perception, key.bundle))
+        self._agent = RobotAgent(AgentConfig(robot="rover", seed=scenario.seed))
+        self._agent.set_clock_offset(0)
+        self._plans: deque[tuple[int, Plan]] = deque()
+        self._plan_ms: list[float] = []
+        self._robot_ms: list[float] = []
+
+    def run(self) -> TrialResult:
+        """Drive until arrival, contact or the end of time."""
+        with self._simulation as simulation:
+            for step in range(round(TIME_LIMIT_S / CONTROL_S)):
+                self._sense(step)
+                self._control()
+                simulation.advance(CONTROL_S)
+                if simulation.had_contact or self._at_goal():
+                    break
+            return self._result()
+
+    def _sense(self, step: int) -> None:
+        now_ns = self._simulation.time_ns
+        self._agent.on_odometry(self._simulation.odometry(), now_ns)
+        if step % _CONTROLS_PER_SCAN == 0:
+            self._agent.on_scan(self._simulation.scan(), now_ns)
+        if step % _CONTROLS_PER_PICTURE == 0:
+            self._make_plan(now_ns)
+        while self._plans and self._plans[0][0] <= now_ns:
+            self._agent.on_plan(self._plans.popleft()[1], now_ns)
+
+    def _make_plan(self, now_ns: int) -> None:
+        started = time.perf_counter()
+        waypoints = self._method.waypoints()
+        self._plan_ms.append((time.perf_counter() - started) * 1e3)
+        if waypoints is not None:
+            plan = Plan(now_ns, waypoints, epoch=1, seq=len(self._plan_ms), goal_id="goal")
+            self._plans.append((now_ns + _PLAN_DELAY_NS, plan))
+
+    def _control(self) -> None:
+        started = time.perf_counter()
+        tick = self._agent.tick(self._simulation.time_ns)
+        self._robot_ms.append((time.perf_counter() - started) * 1e3)
+        self._simulation.command(tick.velocity)
+
+    def _at_goal(self) -> bool:
+        pose, (x, y) = self._simulation.true_pose, self._scenario.goal_m
+        return math.hypot(pose.x_m - x, pose.y_m - y) <= GOAL_RADIUS_M
+
+    def _result(self) -> TrialResult:
+        simulation = self._simulation
+        collision = simulation.had_contact
+        success = self._at_goal() and not collision
+        return TrialResult(
+            success=success,
+            collision=collision,
+            timeout=not (success or collision),
+            duration_s=round(simulation.time_ns * 1e-9, 3),
+            path_m=round(simulation.path_m, 4),
+            expert_m=round(self._expert_m, 4),
+            closest_m=round(simulation.closest_m, 4),
+            blocked=self._blocked,
+            tick_p50_ms=float(np.median(self._plan_ms)),
+            robot_tick_p50_ms=float(np.median(self._robot_ms)),
+        )

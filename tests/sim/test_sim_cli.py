@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from revnm_client.errors import LinkError
+from revnm_sim.cli import main
+from revnm_sim.server_api import ServerApi
+from revnm_sim.summary import DriveSummary, format_summary
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["run", "--seed", "-1"], ["run", "--fps", "0"], ["demo", "--timeout", "nan"], ["fly"], []],
+)
+def test_wrong_options_are_refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2
+    assert "usage: revnm-sim" in capsys.readouterr().err
+
+
+def test_malformed_endpoint_is_an_error_that_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "--connect", "nonsense"]) == 2
+    assert "nonsense" in capsys.readouterr().err
+
+
+def test_bench_shows_its_own_options(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["bench", "--help"])
+    assert ended.value.code == 0
+    assert "--trials" in capsys.readouterr().out
+
+
+class Answers(BaseHTTPRequestHandler):
+    """Answers as a server that is not ready, has a state, and knows one robot."""
+
+    def do_GET(self) -> None:
+        if self.path == "/api/v1/state":
+            self._reply(200, {"ready": False})
+        else:
+            self._reply(503, {"detail": "camera init: no picture yet"})
+
+    def do_PUT(self) -> None:
+        body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        known = self.path == "/api/v1/robots/rover/goal" and body == {"u": 1.5, "v": 2.0}
+        self._reply(200 if known else 404, {} if known else {"detail": "no robot of that name"})
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+    def _reply(self, status: int, document: dict[str, object]) -> None:
+        self.send_response(status)
+        self.end_headers()
+        self.wfile.write(json.dumps(document).encode())
+
+
+@pytest.fixture
+def api() -> Iterator[ServerApi]:
+    with ThreadingHTTPServer(("127.0.0.1", 0), Answers) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield ServerApi(f"http://127.0.0.1:{server.server_address[1]}")
+        server.shutdown()
+        thread.join()
+
+
+def test_api_says_why_the_server_is_not_ready(api: ServerApi) -> None:
+    assert "503: camera init: no picture yet" in str(api.not_ready())
+    assert api.state() == {"ready": False}
+
+
+def test_api_passes_refusals_on(api: ServerApi) -> None:
+    api.set_goal("rover", u=1.5, v=2.0)
+    with pytest.raises(LinkError, match="404: no robot of that name"):
+        api.set_goal("walker", u=1.5, v=2.0)
+
+
+def test_no_server_is_not_ready() -> None:
+    assert "refused" in str(ServerApi("http://127.0.0.1:9").not_ready())
+
+
+def test_summary_table() -> None:
+    summary = DriveSummary(
+        arrived=True,
+        duration_s=12.34,
+        path_m=5.678,
+        goal_error_m=0.21,
+        closest_m=1.0,
+        contact=False,
+        stages_ms={"depth": (10.04, 20.0)},
+        robot_tick_ms=(4.0, None),
+    )
+    lines = format_summary(summary).splitlines()
+    assert lines[0].split() == ["arrived", "yes"]
+    assert lines[2].split() == ["time", "12.3", "s"]
+    assert lines[5].split() == ["closest", "obstacle", "over", "1.00", "m"]
+    assert lines[-2].split() == ["server", "depth", "10.0", "20.0"]
+    assert lines[-1].split() == ["robot", "tick", "4.0", "–"]
