@@ -27,7 +27,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar="ENDPOINT",
         help=f"where the server is, tcp/HOST:PORT; may be repeated (default: {_DEFAULT_ENDPOINT})",
     )
-    run.add_argument("--seed", type=int, default=0, help="seed of the controller's random samples (default: 0)")
     return parser
 
 

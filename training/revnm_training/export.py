@@ -1,0 +1,233 @@
+"""Checkpoints to a model bundle: three ONNX files, checked against PyTorch, and their manifest.
+
+The averaged weights are exported. A bundle appears whole or not at all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+import tempfile
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from revnm_client.errors import ContractError, FileError
+from revnm_server.bundle import file_sha256, load_bundle
+from revnm_server.inference import OnnxModel
+from revnm_server.manifest import MANIFEST
+from revnm_server.observation import ObservationSpec
+from revnm_training.checkpoint import Checkpoint, load_checkpoint
+from revnm_training.networks.act import ActPolicy
+from revnm_training.networks.depth_net import DepthNet
+from revnm_training.networks.dit import Denoiser
+from revnm_training.preset import Preset
+
+TOLERANCE = 1e-3
+_MAX_ROBOTS = 64
+_CHECKED_BATCHES = (1, 3, 16)
+
+
+class PolicyGraph(nn.Module):
+    """The policy as it is deployed: z at the prior's mean, waypoints only."""
+
+    def __init__(self, policy: ActPolicy) -> None:
+        super().__init__()
+        self.policy = policy
+
+    def forward(self, exo: Tensor, ego: Tensor, robot: Tensor, heading: Tensor, goal: Tensor) -> Tensor:
+        """Return waypoints (R, H, 2), metres."""
+        waypoints: Tensor = self.policy(exo, ego, robot, heading, goal).waypoints
+        return waypoints
+
+
+@dataclass(frozen=True, slots=True)
+class Graph:
+    """A network with the names and shapes of its ONNX contract.
+
+    Attributes:
+        network: In evaluation mode.
+        inputs: Shape of each input by name, without the batch axis; an empty shape is an integer per robot.
+        output: Name of the output.
+        batched: Whether the first axis is the number of robots; else it is 1.
+    """
+
+    network: nn.Module
+    inputs: dict[str, tuple[int, ...]]
+    output: str
+    batched: bool
+
+
+def graphs(preset: Preset) -> dict[str, Graph]:
+    """Return the graphs of a preset's networks, with random weights, by kind."""
+    spec = preset.observation
+    found = {
+        "policy": Graph(PolicyGraph(ActPolicy(preset.policy, spec)), _policy_inputs(spec), "waypoints", True),
+        "exo2ego": Graph(Denoiser(preset.exo2ego, spec), _exo2ego_inputs(spec), "clean", True),
+    }
+    if preset.depth is not None:
+        found["depth"] = Graph(DepthNet(preset.depth), {"image": (3, *spec.disparity_hw)}, "disparity", False)
+    return found
+
+
+def _policy_inputs(spec: ObservationSpec) -> dict[str, tuple[int, ...]]:
+    exo, ego = (spec.history, 1, *spec.exo_hw), (spec.history, 1, spec.ego_px, spec.ego_px)
+    return {"exo": exo, "ego": ego, "robot": (2,), "heading": (2,), "goal": (2,)}
+
+
+def _exo2ego_inputs(spec: ObservationSpec) -> dict[str, tuple[int, ...]]:
+    noisy, crop = (1, spec.ego_px, spec.ego_px), (spec.history, spec.crop_px, spec.crop_px)
+    return {"noisy": noisy, "crop": crop, "step": (), "robot": (2,), "heading": (2,)}
+
+
+def export_onnx(graph: Graph, path: Path) -> float:
+    """Write a network as ONNX and compare both on random inputs.
+
+    Returns:
+        The largest absolute difference.
+
+    Raises:
+        ContractError: It exceeds 1e-3.
+    """
+    network = graph.network.eval()
+    dynamic = {0: torch.export.Dim("robots", min=1, max=_MAX_ROBOTS)} if graph.batched else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the exporter's own deprecations
+        program = torch.onnx.export(
+            network,
+            _random_inputs(graph, 2 if graph.batched else 1, seed=0),
+            input_names=list(graph.inputs),
+            output_names=[graph.output],
+            dynamic_shapes=[dynamic] * len(graph.inputs),
+            dynamo=True,
+            verbose=False,
+        )
+    assert program is not None
+    program.save(path)
+    difference = _difference(graph, path)
+    if difference > TOLERANCE:
+        raise ContractError(f"{path}: ONNX differs from PyTorch by {difference:.2g}, more than {TOLERANCE}")
+    return difference
+
+
+def _random_inputs(graph: Graph, batch: int, *, seed: int) -> tuple[Tensor, ...]:
+    generator = torch.Generator().manual_seed(seed)
+
+    def draw(shape: tuple[int, ...]) -> Tensor:
+        if not shape:
+            return torch.randint(1000, (batch,), generator=generator)
+        return torch.rand((batch, *shape), generator=generator)
+
+    return tuple(draw(shape) for shape in graph.inputs.values())
+
+
+def _difference(graph: Graph, path: Path) -> float:
+    model, worst = OnnxModel(path), 0.0
+    for batch in _CHECKED_BATCHES if graph.batched else (1,):
+        inputs = _random_inputs(graph, batch, seed=batch)
+        with torch.inference_mode():
+            expected = graph.network(*inputs).numpy()
+        arrays = {name: tensor.numpy() for name, tensor in zip(graph.inputs, inputs, strict=True)}
+        got = model.run(**arrays)[graph.output]
+        worst = max(worst, float(np.abs(got - expected).max()))
+    return worst
+
+
+def export_bundle(
+    preset: Preset, checkpoints: dict[str, Path], out: Path, *, reports: Sequence[Path] = ()
+) -> dict[str, float]:
+    """Write a bundle and load it as the server does.
+
+    Args:
+        preset: What the checkpoints were trained with.
+        checkpoints: File by kind: ``policy``, ``exo2ego``, ``depth``.
+        out: The bundle's folder; an earlier bundle there is replaced.
+        reports: ``report.json`` files of benchmarks of this bundle, for the manifest.
+
+    Returns:
+        The largest difference between ONNX and PyTorch by kind.
+
+    Raises:
+        FileError: A checkpoint or report does not fit.
+        ContractError: ONNX and PyTorch differ.
+    """
+    parts = graphs(preset)
+    if set(parts) != set(checkpoints):
+        raise FileError(f"preset {preset.name} needs checkpoints of {sorted(parts)}, got {sorted(checkpoints)}")
+    loaded = {kind: _load_weights(parts[kind], checkpoints[kind], kind, preset) for kind in parts}
+    benchmark = [row for report in reports for row in _read_rows(report)]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=out.parent) as scratch:
+        folder = Path(scratch) / "bundle"
+        folder.mkdir()
+        differences = {kind: export_onnx(graph, folder / f"{kind}.onnx") for kind, graph in parts.items()}
+        manifest = _manifest(preset, loaded, folder, benchmark)
+        (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        load_bundle(folder)
+        if out.exists():
+            shutil.rmtree(out)
+        folder.rename(out)
+    return differences
+
+
+def _load_weights(graph: Graph, path: Path, kind: str, preset: Preset) -> Checkpoint:
+    checkpoint = load_checkpoint(path, kind)
+    if checkpoint.preset != preset.name:
+        raise FileError(f"{path}: trained with preset {checkpoint.preset!r}, not {preset.name!r}")
+    network = graph.network.policy if isinstance(graph.network, PolicyGraph) else graph.network
+    try:
+        network.load_state_dict(checkpoint.averaged)
+    except RuntimeError as error:
+        raise FileError(f"{path}: weights do not fit preset {preset.name!r}: {error}") from error
+    return checkpoint
+
+
+def _read_rows(report: Path) -> list[dict[str, Any]]:
+    try:
+        rows = json.loads(report.read_text(encoding="utf-8"))["rows"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FileError(f"{report}: no benchmark report with rows: {error}") from error
+    return list(rows)
+
+
+def _manifest(
+    preset: Preset, checkpoints: dict[str, Checkpoint], folder: Path, benchmark: list[dict[str, Any]]
+) -> dict[str, Any]:
+    def entry(kind: str) -> dict[str, Any]:
+        name = f"{kind}.onnx"
+        return {"file": name, "sha256": file_sha256(folder / name)}
+
+    models = {kind: entry(kind) for kind in checkpoints}
+    models["exo2ego"] |= {"steps": preset.exo2ego.steps, "schedule": "cosine"}
+    if preset.depth is not None:
+        models["depth"] |= {"kind": "disparity", "mean": preset.depth.mean, "std": preset.depth.std}
+    recipe = {
+        "preset": dataclasses.asdict(preset),
+        "runs": {
+            kind: {
+                "seed": c.seed,
+                "steps": c.steps,
+                **{k: c.record[k] for k in c.record if k != "validation"},
+            }
+            for kind, c in checkpoints.items()
+        },
+    }
+    return {
+        "format": 1,
+        "name": preset.name,
+        "observation": dataclasses.asdict(preset.observation),
+        "models": models,
+        "recipe": recipe,
+        "data": {kind: c.record.get("data", {}) for kind, c in checkpoints.items()},
+        "results": {
+            "validation": {kind: c.record["validation"] for kind, c in checkpoints.items()},
+            "benchmark": benchmark,
+        },
+    }

@@ -1,0 +1,96 @@
+"""Trains the small monocular depth network on pictures rendered here, so that everything runs without downloads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from revnm_client.errors import ConfigError
+from revnm_client.geometry import FloatArray
+from revnm_server.observation import normalise_disparity
+from revnm_training.batches import gather, mirror
+from revnm_training.networks.depth_net import DepthNet, depth_loss
+from revnm_training.pictures import PictureSet, render_pictures
+from revnm_training.preset import DepthConfig, Preset
+from revnm_training.trainer import Batch, RunSettings, Trainer
+
+_VALIDATION_BATCH = 32
+_FARTHEST_M = 20.0
+
+
+class DepthTask:
+    """RGB → disparity, normalised per picture."""
+
+    kind = "depth"
+
+    def __init__(self, pictures: PictureSet, config: DepthConfig) -> None:
+        self._pictures = pictures
+        self._mean = torch.tensor(config.mean)
+        self._std = torch.tensor(config.std)
+        self.train_size = len(pictures.train)
+        self.data: dict[str, Any] = {"train_pictures": self.train_size, "validation_pictures": len(pictures.validation)}
+
+    def batch(self, index: NDArray[np.int64], rng: np.random.Generator) -> Batch:
+        """Gather pictures and normalise their disparity."""
+        del rng
+        batch = gather(self._pictures.columns, ("rgb", "disparity"), self._pictures.train[index])
+        normalised = [normalise_disparity(d) for d in batch["disparity"].float().numpy()]
+        return {"rgb": batch["rgb"], "disparity": torch.from_numpy(np.stack(normalised))}
+
+    def loss(self, network: nn.Module, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
+        """Return the loss of a batch, half of it mirrored."""
+        batch = mirror(batch, generator)
+        return depth_loss(network(self._input(batch["rgb"])), batch["disparity"])
+
+    def validate(self, network: nn.Module, device: torch.device) -> dict[str, float]:
+        """Return AbsRel after aligning scale and shift, and the L1 error of the normalised disparity."""
+        relative, l1 = [], []
+        for start in range(0, len(self._pictures.validation), _VALIDATION_BATCH):
+            index = self._pictures.validation[start : start + _VALIDATION_BATCH]
+            batch = gather(self._pictures.columns, ("rgb", "disparity"), index)
+            predicted = network(self._input(batch["rgb"].to(device))).float().cpu().numpy()
+            for guess, true in zip(predicted, batch["disparity"].float().numpy(), strict=True):
+                relative.append(aligned_abs_rel(guess, true))
+                l1.append(float(np.abs(normalise_disparity(guess) - normalise_disparity(true)).mean()))
+        return {"abs_rel": float(np.mean(relative)), "l1": float(np.mean(l1))}
+
+    def _input(self, rgb: Tensor) -> Tensor:
+        scaled = (rgb.float() / 255.0 - self._mean.to(rgb.device)) / self._std.to(rgb.device)
+        return scaled.permute(0, 3, 1, 2)
+
+
+def aligned_abs_rel(predicted: FloatArray, true: FloatArray) -> float:
+    """Return the mean relative error of depth after a least-squares fit of scale and shift to the disparity.
+
+    Args:
+        predicted: (h, w) disparity up to scale and shift.
+        true: (h, w) disparity, 1/m; what is farther than 20 m is left out.
+    """
+    seen = true > 1.0 / _FARTHEST_M
+    guess, target = predicted[seen].astype(np.float64), true[seen].astype(np.float64)
+    design = np.column_stack([guess, np.ones_like(guess)])
+    scale_shift, *_ = np.linalg.lstsq(design, target, rcond=None)
+    fitted = np.maximum(design @ scale_shift, 1.0 / _FARTHEST_M)
+    return float(np.mean(np.abs(target / fitted - 1.0)))
+
+
+def train_depth(preset: Preset, settings: RunSettings, *, cache: Path, pictures: int, jobs: int) -> bool:
+    """Render the pictures that miss and train.
+
+    Returns:
+        Whether the end was reached.
+
+    Raises:
+        ConfigError: The preset has no depth network, or cache or run folder hold something else.
+    """
+    if preset.depth is None or preset.train_depth is None:
+        raise ConfigError(f"preset {preset.name} has no depth network of its own")
+    rendered = render_pictures(cache, preset.observation.disparity_hw, pictures=pictures, jobs=jobs)
+    torch.manual_seed(settings.seed)
+    task = DepthTask(rendered, preset.depth)
+    return Trainer(task, DepthNet(preset.depth), preset.train_depth, settings).run()

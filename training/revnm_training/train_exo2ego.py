@@ -1,0 +1,147 @@
+"""Trains the denoiser that imagines a robot's ego depth, and lets a trained one imagine a whole data set."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from revnm_server.exo2ego import ddim_sample, ddim_schedule, start_noise
+from revnm_server.observation import Image32
+from revnm_training.batches import add_noise, gather, mirror, signed, unit
+from revnm_training.checkpoint import load_checkpoint
+from revnm_training.networks.dit import Denoiser, diffusion_loss
+from revnm_training.preset import Preset
+from revnm_training.sample_cache import SampleSet, render_samples, to_bytes
+from revnm_training.trainer import Batch, RunSettings, Trainer
+
+_CONDITION = ("crop", "robot", "heading")
+_VALIDATION_SAMPLES = 1024
+_SAMPLING_BATCH = 128  # fits the processor caches
+
+
+class Exo2EgoTask:
+    """Crop of the exo disparity and pose in the picture → ego depth of the newest frame."""
+
+    kind = "exo2ego"
+
+    def __init__(self, samples: SampleSet, steps: int) -> None:
+        self._samples = samples
+        self._steps = steps
+        self.train_size = len(samples.train)
+        self.data = samples.describe()
+
+    def batch(self, index: NDArray[np.int64], rng: np.random.Generator) -> Batch:
+        """Gather crops, poses and ego depths."""
+        del rng
+        return gather(self._samples.columns, (*_CONDITION, "ego"), self._samples.train[index])
+
+    def loss(self, network: nn.Module, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
+        """Return the diffusion loss of a batch, half of it mirrored."""
+        batch = mirror(batch, generator)
+        crop = add_noise(unit(batch["crop"]), generator)
+        clean = signed(batch["ego"][:, -1:])
+        return diffusion_loss(network, clean, (crop, batch["robot"], batch["heading"]), generator)
+
+    def validate(self, network: nn.Module, device: torch.device) -> dict[str, float]:
+        """Return the PSNR at one step and at the preset's, decibels: range 1, mean over pictures, 32 × 32."""
+        chosen = self._samples.validation
+        chosen = chosen[:: max(1, len(chosen) // _VALIDATION_SAMPLES)]
+        batch = gather(self._samples.columns, (*_CONDITION, "ego"), chosen)
+        true = unit(batch["ego"][:, -1]).numpy()
+        measured = {}
+        for steps in sorted({1, self._steps}):
+            imagined = (imagine(network, batch, steps=steps, device=device) + 1.0) / 2.0
+            error = ((imagined - true) ** 2).mean(axis=(1, 2))
+            measured[f"psnr_{steps}_steps_db"] = float(np.mean(-10.0 * np.log10(np.maximum(error, 1e-9))))
+        return measured
+
+
+@torch.no_grad()
+def imagine(network: nn.Module, batch: Batch, *, steps: int, device: torch.device) -> Image32:
+    """Sample ego depth (B, e, e) in [−1, 1] exactly as the server does.
+
+    Args:
+        network: A :class:`Denoiser`.
+        batch: ``crop`` (B, N, c, c) bytes, ``robot`` and ``heading`` (B, 2); ``ego`` gives the size.
+        steps: DDIM steps.
+        device: Where the network is.
+    """
+    schedule, pictures = ddim_schedule(steps), []
+    for start in range(0, len(batch["crop"]), _SAMPLING_BATCH):
+        part = {name: x[start : start + _SAMPLING_BATCH].to(device) for name, x in batch.items()}
+        crop, count = unit(part["crop"]), len(part["crop"])
+        noise = np.tile(start_noise(part["ego"].shape[-1]), (count, 1, 1, 1))
+
+        def denoise(noisy: Image32, step: int, crop: Tensor = crop, part: Batch = part) -> Image32:
+            at = torch.full((len(crop),), step, dtype=torch.int64, device=device)
+            clean = network(torch.from_numpy(noisy).to(device), crop, at, part["robot"], part["heading"])
+            return np.asarray(clean.float().cpu().numpy())
+
+        pictures.append(ddim_sample(denoise, noise.reshape(count, 1, *noise.shape[-2:]), schedule)[:, 0])
+    return np.concatenate(pictures)
+
+
+def imagined_ego(samples: SampleSet, preset: Preset, checkpoint: Path) -> NDArray[np.uint8]:
+    """Return the ego depth (M, e, e) that a trained denoiser imagines for every sample, as bytes.
+
+    Kept beside the rendered samples; an interrupted run goes on.
+
+    Raises:
+        FileError: The checkpoint is missing or of another kind.
+    """
+    weights = load_checkpoint(checkpoint, Exo2EgoTask.kind).averaged
+    name = f"imagined_{hashlib.sha256(checkpoint.read_bytes()).hexdigest()[:12]}"
+    path, progress = samples.folder / f"{name}.npy", samples.folder / f"{name}.json"
+    ego = samples.columns["ego"]
+    shape = (len(ego), *ego.shape[2:])
+    if not progress.exists():
+        np.lib.format.open_memmap(path, mode="w+", dtype=np.uint8, shape=shape).flush()
+        progress.write_text(json.dumps({"done": 0}), encoding="utf-8")
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    network = Denoiser(preset.exo2ego, preset.observation)
+    network.load_state_dict(weights)
+    network.eval().to(device)
+    _imagine_missing(samples, network, path, progress, steps=preset.exo2ego.steps, device=device)
+    return np.asarray(np.load(path, mmap_mode="r"))
+
+
+def _imagine_missing(
+    samples: SampleSet, network: nn.Module, path: Path, progress: Path, *, steps: int, device: torch.device
+) -> None:
+    imagined: np.memmap[Any, np.dtype[np.uint8]] = np.lib.format.open_memmap(path, mode="r+")
+    done = json.loads(progress.read_text(encoding="utf-8"))["done"]
+    chunk = 32 * _SAMPLING_BATCH
+    with tqdm(total=len(imagined), initial=done, desc="imagine ego depth", unit=" samples") as bar:
+        for start in range(done, len(imagined), chunk):
+            index = np.arange(start, min(start + chunk, len(imagined)))
+            batch = gather(samples.columns, (*_CONDITION, "ego"), index)
+            with torch.autocast(device.type, torch.bfloat16):
+                pictures = imagine(network, batch, steps=steps, device=device)
+            imagined[index] = to_bytes((pictures + 1.0) / 2.0)
+            imagined.flush()
+            progress.write_text(json.dumps({"done": int(index[-1]) + 1}), encoding="utf-8")
+            bar.update(len(index))
+
+
+def train_exo2ego(preset: Preset, settings: RunSettings, *, data: Path, cache: Path, jobs: int) -> bool:
+    """Render the samples that miss and train.
+
+    Returns:
+        Whether the end was reached.
+
+    Raises:
+        ConfigError: Cache, data or run folder hold something else.
+    """
+    samples = render_samples(data, cache, preset.observation, jobs=jobs)
+    torch.manual_seed(settings.seed)
+    network = Denoiser(preset.exo2ego, preset.observation)
+    task = Exo2EgoTask(samples, preset.exo2ego.steps)
+    return Trainer(task, network, preset.train_exo2ego, settings).run()

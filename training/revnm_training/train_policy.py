@@ -1,0 +1,121 @@
+"""Trains the navigation policy on the expert's waypoints.
+
+At run time the ego depth is imagined, so most samples show the policy an imagined one in training, too.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from revnm_server.observation import Image32
+from revnm_training.batches import add_noise, gather, mirror, signed, unit
+from revnm_training.networks.act import ActPolicy, policy_loss
+from revnm_training.preset import Preset
+from revnm_training.sample_cache import SampleSet, render_samples
+from revnm_training.train_exo2ego import imagined_ego
+from revnm_training.trainer import Batch, RunSettings, Trainer
+
+_COLUMNS = ("exo", "robot", "heading", "goal", "waypoints")
+_IMAGINED_SHARE = 0.75
+_VALIDATION_SAMPLES = 2048
+_VALIDATION_BATCH = 256
+_SHORTEST_M = 0.2
+
+
+class PolicyTask:
+    """Exo disparity, ego depth, pose and goal in the picture → waypoints."""
+
+    kind = "policy"
+
+    def __init__(self, samples: SampleSet, imagined: NDArray[np.uint8] | None, *, kl_weight: float) -> None:
+        """Take the data.
+
+        Args:
+            samples: Rendered samples.
+            imagined: (M, e, e) imagined ego depth of the newest frame as bytes; None trains on the true one only.
+            kl_weight: β.
+        """
+        self._samples, self._imagined, self._kl_weight = samples, imagined, kl_weight
+        self.train_size = len(samples.train)
+        self.data = samples.describe() | {"imagined_ego_share": 0.0 if imagined is None else _IMAGINED_SHARE}
+
+    def batch(self, index: NDArray[np.int64], rng: np.random.Generator) -> Batch:
+        """Gather observations and labels; three quarters see imagined ego depth, where there is any."""
+        return self._gather(self._samples.train[index], rng.random(len(index)) < _IMAGINED_SHARE)
+
+    def loss(self, network: nn.Module, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
+        """Return the loss of a batch, half of it mirrored."""
+        batch = mirror(batch, generator)
+        exo = add_noise(unit(batch["exo"]), generator)[:, :, None]
+        ego, target = signed(batch["ego"])[:, :, None], batch["waypoints"]
+        output = network(exo, ego, batch["robot"], batch["heading"], batch["goal"], target)
+        return policy_loss(output, target, kl_weight=self._kl_weight)
+
+    def validate(self, network: nn.Module, device: torch.device) -> dict[str, float]:
+        """Return waypoint errors, metres, and errors of the direction to the first and the last waypoint, degrees.
+
+        Measured as at run time: imagined ego depth where there is any, z = 0.
+        """
+        chosen = self._samples.validation
+        chosen = chosen[:: max(1, len(chosen) // _VALIDATION_SAMPLES)]
+        predicted, true = [], []
+        for start in range(0, len(chosen), _VALIDATION_BATCH):
+            index = chosen[start : start + _VALIDATION_BATCH]
+            batch = {name: x.to(device) for name, x in self._gather(index, np.full(len(index), True)).items()}
+            exo, ego = unit(batch["exo"])[:, :, None], signed(batch["ego"])[:, :, None]
+            output = network(exo, ego, batch["robot"], batch["heading"], batch["goal"], None)
+            predicted.append(output.waypoints.float().cpu().numpy())
+            true.append(batch["waypoints"].cpu().numpy())
+        return waypoint_errors(np.concatenate(predicted), np.concatenate(true))
+
+    def _gather(self, index: NDArray[np.int64], is_imagined: NDArray[np.bool_]) -> Batch:
+        index = np.sort(index)
+        batch = gather(self._samples.columns, (*_COLUMNS, "ego"), index)
+        if self._imagined is not None:
+            # An imagined past would need the past's crops: the newest picture stands for all frames.
+            chosen = torch.from_numpy(is_imagined).view(-1, 1, 1, 1)
+            batch["ego"] = torch.where(chosen, torch.from_numpy(self._imagined[index])[:, None], batch["ego"])
+        return batch
+
+
+def waypoint_errors(predicted: Image32, true: Image32) -> dict[str, float]:
+    """Compare waypoints (M, H, 2), metres.
+
+    Returns:
+        ``l1_m`` over all coordinates; ``waypoint_1_m`` … the mean distance of each waypoint; ``first_deg`` and
+        ``last_deg``, the mean angle between the directions to the first and to the last, where that is far enough.
+    """
+    distance = np.linalg.norm(predicted - true, axis=2).mean(axis=0)
+    measured = {"l1_m": float(np.abs(predicted - true).mean())}
+    measured |= {f"waypoint_{i + 1}_m": float(value) for i, value in enumerate(distance)}
+    for name, place in (("first_deg", 0), ("last_deg", -1)):
+        a, b = predicted[:, place], true[:, place]
+        far = np.linalg.norm(b, axis=1) > _SHORTEST_M
+        turn = np.arctan2(a[far, 0] * b[far, 1] - a[far, 1] * b[far, 0], (a[far] * b[far]).sum(axis=1))
+        measured[name] = float(np.degrees(np.abs(turn)).mean())
+    return measured
+
+
+def train_policy(
+    preset: Preset, settings: RunSettings, *, data: Path, cache: Path, exo2ego: Path | None, jobs: int
+) -> bool:
+    """Render the samples that miss, imagine their ego depth where a denoiser is given, and train.
+
+    Returns:
+        Whether the end was reached.
+
+    Raises:
+        ConfigError: Cache, data or run folder hold something else.
+        FileError: The denoiser's checkpoint is missing or of another kind.
+    """
+    samples = render_samples(data, cache, preset.observation, jobs=jobs)
+    imagined = None if exo2ego is None else imagined_ego(samples, preset, exo2ego)
+    torch.manual_seed(settings.seed)
+    network = ActPolicy(preset.policy, preset.observation)
+    task = PolicyTask(samples, imagined, kl_weight=preset.train_policy.kl_weight)
+    return Trainer(task, network, preset.train_policy, settings).run()
