@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from revnm_client.errors import ConfigError
 from revnm_client.geometry import FloatArray
 from revnm_client.messages import STANDSTILL, Odometry, Plan, Scan, Velocity
 from revnm_client.mppi import Mppi, MppiConfig, MppiInput
@@ -41,6 +42,10 @@ class AgentConfig:
     leave_m: float = 0.2
     mppi: MppiConfig = field(default_factory=MppiConfig)
     safety: SafetyConfig = field(default_factory=SafetyConfig)
+
+    def __post_init__(self) -> None:
+        if self.mppi.footprint != self.safety.braking.footprint:
+            raise ConfigError("the controller and the supervisor have different footprints: expected one robot's")
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,9 +132,9 @@ class RobotAgent:
         self._gate.stop(epoch)
         self._plan = None
 
-    def resume(self) -> None:
-        """Unlatch the stop; the robot drives with the next plan."""
-        self._gate.resume()
+    def resume(self, epoch: int) -> None:
+        """Unlatch the stop; the robot drives with the next plan that is not older than ``epoch``."""
+        self._gate.resume(epoch)
 
     @property
     def epoch(self) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from revnm_client.errors import ConfigError
 from revnm_client.geometry import FloatArray
 from revnm_client.messages import Velocity
 from revnm_client.mppi.config import Footprint
@@ -33,6 +34,13 @@ class BrakingConfig:
     braking_radps2: float = 2.0
     margin_m: float = 0.03
     footprint: Footprint = field(default_factory=Footprint)
+
+    def __post_init__(self) -> None:
+        if not (self.braking_mps2 > 0.0 and self.braking_radps2 > 0.0 and min(self.delay_s, self.margin_m) >= 0.0):
+            raise ConfigError(
+                f"braking at {self.braking_mps2} m/s² and {self.braking_radps2} rad/s² after {self.delay_s} s with "
+                f"{self.margin_m} m to spare: expected decelerations over 0, delay and margin of 0 or more"
+            )
 
 
 def stopping_poses(command: Velocity, now: Velocity, config: BrakingConfig) -> FloatArray:

@@ -139,7 +139,8 @@ def decode_scan(payload: bytes) -> Scan:
     """Return the checked scan; its frame may have any name, its angles are taken as the robot's.
 
     Raises:
-        MessageError: It is malformed, a range is NaN or negative, the beams cover more than a turn.
+        MessageError: It is malformed, a range is NaN or negative, the beams cover more than a turn, or every
+            range is below the shortest, as of a sensor that is covered or stands still: it sees nothing.
     """
     message = _decode(payload, _SCAN)
     stamp_ns = _decode_stamp(message)
@@ -152,6 +153,8 @@ def decode_scan(payload: bytes) -> Scan:
     range_min_m = validate.number(message.range_min, what="range_min", low=0.0, high=range_max_m)
     if range_min_m == range_max_m:
         raise MessageError(f"range_min and range_max are both {range_max_m}: expected range_min < range_max")
+    if not (ranges_m >= range_min_m).any():
+        raise MessageError(f"all ranges are below range_min, {range_min_m} m: expected a sensor that sees something")
     return Scan(
         stamp_ns=stamp_ns,
         angle_min_rad=validate.number(message.angle_min, what="angle_min", low=-math.tau, high=math.tau),

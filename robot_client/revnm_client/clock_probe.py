@@ -27,13 +27,15 @@ class ProbeReading(NamedTuple):
     Attributes:
         offset_ns: Server's clock minus robot's clock; None while unknown.
         round_trip_ns: Of the exchange it comes from; None while unknown.
-        rejected: Number of malformed replies so far.
+        rejected: Number of malformed replies so far; a missing one is not malformed.
+        last_error: Why the last one was; empty when none was.
         failures: Number of exchanges that ended in an unexpected error so far.
     """
 
     offset_ns: int | None
     round_trip_ns: int | None
     rejected: int
+    last_error: str
     failures: int
 
 
@@ -46,6 +48,7 @@ class ClockProbe:
         self._lock = threading.Lock()
         self._offset = ClockOffset()
         self._rejected = 0
+        self._last_error = ""
         self._failures = 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="clock-probe", daemon=True)
@@ -54,7 +57,9 @@ class ClockProbe:
         """Return what is known now; never waits for the network."""
         with self._lock:
             offset = self._offset
-            return ProbeReading(offset.offset_ns, offset.round_trip_ns, self._rejected, self._failures)
+            return ProbeReading(
+                offset.offset_ns, offset.round_trip_ns, self._rejected, self._last_error, self._failures
+            )
 
     def forget(self) -> None:
         """Forget the offset: the robot's clock was set."""
@@ -90,11 +95,11 @@ class ClockProbe:
             except MessageError as error:
                 with self._lock:
                     self._rejected += 1
-                _log.debug("%s: %s", self._key, error)
+                    self._last_error = f"{self._key}: {error}"
 
     def _take(self, reply: zenoh.Reply, t1_ns: int, t4_ns: int) -> None:
         if reply.ok is None:
-            raise MessageError("the server answered with an error")
+            return  # nobody answered in time
         times = decode_time_reply(reply.ok.payload.to_bytes())
         if times.t1_ns != t1_ns:
             raise MessageError(f"time reply is for {times.t1_ns}: expected {t1_ns}")

@@ -8,6 +8,8 @@ The tree::
     │   ├── MessageError   a payload on the wire is malformed, out of range or absurd
     │   └── FileError      a file is malformed: world, bundle, episode, checkpoint
     └── LinkError          the other end cannot be reached
+
+Packages above add leaves where the caller needs to tell cases apart, such as ``revnm_sim.expert.UnreachableError``.
 """
 
 

@@ -22,6 +22,7 @@ _log = logging.getLogger(__name__)
 
 LEASE_MS = 3000
 MAX_MESSAGE_BYTES = 8 * 1024 * 1024
+_WAITING = 16
 _RETRY_FIRST_S = 0.2
 _RETRY_LONGEST_S = 2.0
 
@@ -106,15 +107,25 @@ def open_client(connect: Sequence[str], *, stop: threading.Event | None = None) 
 
 
 class LatestSubscriber:
-    """Holds the newest sample of a key; a slow consumer sees no old ones."""
+    """Holds the few newest samples of a key; a slow consumer sees no old ones."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self.key = key
-        self._subscriber: zenoh.Subscriber[Handler[zenoh.Sample]] = session.declare_subscriber(key, RingChannel(1))
+        self._subscriber: zenoh.Subscriber[Handler[zenoh.Sample]] = session.declare_subscriber(
+            key, RingChannel(_WAITING)
+        )
 
     def take(self) -> zenoh.Sample | None:
         """Return the newest sample that was not taken yet, or None; never blocks."""
-        return self._subscriber.try_recv()
+        samples = self.drain()
+        return samples[-1] if samples else None
+
+    def drain(self) -> list[zenoh.Sample]:
+        """Return the newest samples that were not taken yet, 16 at most, oldest first; never blocks."""
+        samples: list[zenoh.Sample] = []
+        while len(samples) < _WAITING and (sample := self._subscriber.try_recv()) is not None:
+            samples.append(sample)
+        return samples
 
     def close(self) -> None:
         """Stop receiving."""
@@ -128,7 +139,7 @@ class LatestSubscriber:
 
 
 class Inbox(Generic[MessageT]):
-    """The newest decoded message of a key; what cannot be decoded is counted and dropped.
+    """The newest sound message of a key; what cannot be decoded is counted and dropped, and displaces nothing.
 
     Attributes:
         rejected: Number of samples that were dropped.
@@ -154,16 +165,15 @@ class Inbox(Generic[MessageT]):
         return inbox
 
     def take(self) -> MessageT | None:
-        """Return the newest message that was not taken yet, or None; never blocks, never raises."""
-        sample = self._subscriber.take()
-        if sample is None:
-            return None
-        try:
-            return self._decode(sample)
-        except MessageError as error:
-            self.rejected += 1
-            self.last_error = f"{self._subscriber.key}: {error}"
-            return None
+        """Return the newest sound message that was not taken yet, or None; never blocks, never raises."""
+        newest = None
+        for sample in self._subscriber.drain():
+            try:
+                newest = self._decode(sample)
+            except MessageError as error:
+                self.rejected += 1
+                self.last_error = f"{self._subscriber.key}: {error}"
+        return newest
 
 
 def control_publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:

@@ -13,7 +13,7 @@ class PlanGate:
     """Epochs, sequence numbers and the latched stop.
 
     Attributes:
-        epoch: Plans of an older one are refused; raised by a stop and by a plan of a newer one.
+        epoch: Plans of an older one are refused; raised by a stop, a resume and a plan of a newer one.
         seq: Of the last accepted plan in this epoch; None before the first.
         stopped: The stop is latched.
         refused: How many plans were refused, by kind of reason.
@@ -32,9 +32,10 @@ class PlanGate:
         self.stopped = True
         self._raise(epoch)
 
-    def resume(self) -> None:
-        """Unlatch the stop; the epoch stays."""
+    def resume(self, epoch: int) -> None:
+        """Unlatch the stop and raise the epoch to ``epoch``; a smaller one lowers nothing."""
         self.stopped = False
+        self._raise(epoch)
 
     def accepts(self, plan: Plan, *, received_ns: int, offset_ns: int | None, has_pose: bool) -> bool:
         """Take a plan, or refuse it and count why.

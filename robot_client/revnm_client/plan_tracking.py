@@ -12,13 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from revnm_client.geometry import FloatArray, Pose2, interpolate
+from revnm_client.geometry import FloatArray, Pose2, interpolate, wrap_angle
 from revnm_client.messages import STANDSTILL, Odometry, Plan, Velocity
 
 _KEEP_NS = 3_000_000_000
 _BEYOND_NS = 100_000_000
 _JUMP_M = 0.5
 _JUMP_SPEED_MPS = 3.0
+_JUMP_RAD = 1.0
+_JUMP_RATE_RADPS = 4.0
 _RESTART_NS = 1_000_000_000
 
 
@@ -67,10 +69,13 @@ class OdometryBuffer:
         return interpolate(*poses, (stamp_ns - a) / (b - a))
 
     def latest(self, now_ns: int) -> Pose2 | None:
-        """Return the last pose, carried on to now, for at most 100 ms; None if there is none."""
+        """Return the pose now: the last one carried on for at most 100 ms, or the first where all are newer.
+
+        None if there is none.
+        """
         if not self._items:
             return None
-        return self.at(min(now_ns, self._stamps[-1] + _BEYOND_NS))
+        return self.at(min(max(now_ns, self._stamps[0]), self._stamps[-1] + _BEYOND_NS))
 
     @property
     def newest_ns(self) -> int:
@@ -105,8 +110,10 @@ def travelled(velocity: Velocity, seconds: float) -> Pose2:
 
 def _jumped(before: Odometry, after: Odometry) -> bool:
     a, b = before.odom_from_robot, after.odom_from_robot
-    reach = _JUMP_M + _JUMP_SPEED_MPS * (after.stamp_ns - before.stamp_ns) * 1e-9
-    return math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) > reach
+    elapsed_s = (after.stamp_ns - before.stamp_ns) * 1e-9
+    moved = math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) > _JUMP_M + _JUMP_SPEED_MPS * elapsed_s
+    turned = abs(wrap_angle(b.yaw_rad - a.yaw_rad)) > _JUMP_RAD + _JUMP_RATE_RADPS * elapsed_s
+    return moved or turned
 
 
 @dataclass(frozen=True, slots=True)

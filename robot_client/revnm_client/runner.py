@@ -73,7 +73,8 @@ class _Wires:
     @property
     def last_error(self) -> str:
         """Why a malformed message was dropped last, of one kind or another; empty when none was."""
-        errors = [inbox.last_error for inbox in self.inboxes] + [self.stop_desk.last_error]
+        errors = [inbox.last_error for inbox in self.inboxes]
+        errors += [self.stop_desk.last_error, self.probe.reading().last_error]
         return next((error for error in errors if error), "")[:200]
 
     @property
@@ -185,7 +186,7 @@ class RobotRunner:
         elif request.epoch < self._agent.epoch:
             raise MessageError(f"resume of epoch {request.epoch}: expected {self._agent.epoch} or newer")
         else:
-            self._agent.resume()
+            self._agent.resume(request.epoch)
         _log.info("%s, epoch %d", request.action, request.epoch)
         return StopReply(stopped=self._agent.stopped, epoch=self._agent.epoch)
 

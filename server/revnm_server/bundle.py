@@ -118,7 +118,10 @@ def file_sha256(path: Path) -> str:
 def _check_hash(path: Path, expected: str) -> None:
     if not path.is_file():
         raise FileError(f"{path}: missing")
-    got = file_sha256(path)
+    try:
+        got = file_sha256(path)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read: {error.strerror}") from error
     if got != expected:
         raise FileError(f"{path}: altered: sha256 expected {expected}, got {got}")
 

@@ -79,7 +79,7 @@ class OnnxModel:
             One array per output, by name.
 
         Raises:
-            ContractError: An input does not fit the model, or an output is not finite.
+            ContractError: An input does not fit the model, or an output is no array of finite floats.
         """
         names = list(self.outputs)
         try:
@@ -89,8 +89,10 @@ class OnnxModel:
             raise ContractError(f"{self.path}: cannot run on {given}: {_first_line(error)}") from error
         return self._finite(dict(zip(names, values, strict=True)))
 
-    def _finite(self, outputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    def _finite(self, outputs: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
         for name, value in outputs.items():
+            if not isinstance(value, np.ndarray) or value.dtype.kind != "f":
+                raise ContractError(f"{self.path}: output {name} is no array of floats")
             if not np.isfinite(value).all():
                 raise ContractError(f"{self.path}: output {name} is not finite")
         return dict(outputs)

@@ -97,7 +97,7 @@ def read_manifest(folder: Path) -> Manifest:
     """Read and check the manifest of a bundle without touching its models.
 
     Raises:
-        FileError: It is missing or malformed; the text names the key.
+        FileError: It is missing, cannot be read or is malformed; the text names the key.
     """
     path = folder / MANIFEST
     if not path.is_file():
@@ -106,6 +106,8 @@ def read_manifest(folder: Path) -> Manifest:
         raise FileError(f"{path}: larger than {_MANIFEST_MAX_BYTES} bytes")
     try:
         return Manifest.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read: {error.strerror}") from error
     except ValidationError as error:
         raise FileError(f"{path}: {_describe(error)}") from error
 

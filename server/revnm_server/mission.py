@@ -25,8 +25,8 @@ ARRIVAL_PX = 20.0
 """Robot and goal nearer than this, in a picture 640 pixels wide, are together (paper, section IV)."""
 
 ARRIVAL_WIDTH_PX = 640
-MAX_EPOCH = 2**53
-"""Epochs above this are not believed: no server counts that far, and JSON numbers end there."""
+MAX_EPOCH = 2**52
+"""Epochs from this on are not believed: no server counts that far, and the state file's end at 2⁵³."""
 
 
 class UnknownRobotError(ConfigError):
@@ -106,6 +106,7 @@ class Mission:
         self._robots = {check_name(name): _restored(saved.get(name)) for name in robots}
         self._strangers = {name: record for name, record in saved.items() if name not in self._robots}
         self._seq = dict.fromkeys(self._robots, 0)
+        self._heard: set[str] = set()
         self._version = 0
         self._save()
 
@@ -181,7 +182,7 @@ class Mission:
         return stopped
 
     def resume(self, robot: str) -> RobotMission:
-        """Release the stop of ``robot``; it has no goal then.
+        """Release the stop of ``robot``; a stopped one has no goal, so it stands until it is given one.
 
         Raises:
             UnknownRobotError: It is not configured.
@@ -220,13 +221,19 @@ class Mission:
             if wanted.stopped:
                 self._put(robot, replace(wanted, order="stop"))
 
-    def believe_epoch(self, robot: str, epoch: int) -> None:
-        """Catch up with a robot whose epoch is ahead, as after the loss of the state file."""
+    def catch_up(self, robot: str, epoch: int) -> None:
+        """Get ahead of a robot that knows an epoch from another server, as after the loss of the state file.
+
+        Its last plan of that epoch has a number that nobody here knows, and it refuses what is not newer; so
+        the next epoch is taken. The first time that a robot is heard, an equal epoch may be such a one.
+        """
         with self._lock:
             wanted = self._get(robot)
-            if not wanted.epoch < epoch < MAX_EPOCH:
+            foreign = epoch > wanted.epoch or (epoch == wanted.epoch and robot not in self._heard)
+            self._heard.add(robot)
+            if not foreign or epoch >= MAX_EPOCH:
                 return
-            self._put(robot, replace(wanted, epoch=epoch))
+            self._put(robot, replace(wanted, epoch=epoch + 1))
         self._save()
 
     def number_plan(self, robot: str, goal_id: str) -> PlanNumber | None:

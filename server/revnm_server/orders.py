@@ -22,6 +22,7 @@ from revnm_server.mission import Mission
 logger = logging.getLogger(__name__)
 
 ACKNOWLEDGE_S = 0.5
+_TURN_S = 0.6
 _REPEAT_S = 1.0
 
 
@@ -57,8 +58,15 @@ class OrderCourier:
         return {keys.stop(robot): count for robot, count in self._rejected.items()}
 
     def deliver(self, robot: str) -> bool:
-        """Tell ``robot`` what is ordered now; return whether nothing is left unconfirmed."""
-        with self._one_at_a_time[robot]:  # a late resume must not overtake a stop
+        """Tell ``robot`` what is ordered now; return whether nothing is left unconfirmed.
+
+        Blocks up to about a second, however many ask: each is a thread of the HTTP server, and those that wait
+        for a silent robot must not use up the ones that stop another.
+        """
+        turn = self._one_at_a_time[robot]  # a late resume must not overtake a stop
+        if not turn.acquire(timeout=_TURN_S):
+            return False
+        try:
             wanted = self._mission.of(robot)
             if wanted.order is None:
                 return True
@@ -66,9 +74,11 @@ class OrderCourier:
                 return False
             self._mission.confirm(robot, wanted)
             return True
+        finally:
+            turn.release()
 
     def halt(self, robots: Iterable[str]) -> None:
-        """Tell robots to stand because the server shuts down; returns after half a second at the latest."""
+        """Tell robots to stand because the server shuts down; returns after about a second at the latest."""
         halted = list(robots)
         if not halted:
             return
@@ -84,8 +94,12 @@ class OrderCourier:
     def _repeat(self) -> None:
         while not self._closing.wait(_REPEAT_S):
             for robot in self._mission.names:
-                if not self._closing.is_set():
+                if self._closing.is_set():
+                    return
+                try:
                     self.deliver(robot)
+                except Exception:  # the order stays unconfirmed, the view says so, and it is tried again
+                    logger.exception("%s could not be told what is ordered", robot)
 
     def _ask(self, robot: str, action: Literal["stop", "resume"], epoch: int) -> bool:
         """Return whether everyone who answers for ``robot`` has confirmed, and someone has."""

@@ -170,7 +170,8 @@ class Overview:
         seen_age_s = (time.time_ns() - seen.stamp_ns) / 1e9 if seen is not None else None
         driving = sent is not None and time.monotonic() - sent.at_s <= _DRIVING_S
         trouble = _camera_trouble(status) if status.state is not CameraState.RUNNING else fault
-        does, reason = _judge(wanted, driving=driving, trouble=trouble or _sighting_trouble(seen_age_s))
+        held = link.state is not None and link.state["stopped"] is True
+        does, reason = _judge(wanted, held=held, driving=driving, trouble=trouble or _sighting_trouble(seen_age_s))
         if does == "driving":
             reason = _robot_trouble(link)
         shown = sent if does == "driving" else None
@@ -194,10 +195,19 @@ class Overview:
         return path_in_picture(sent.waypoints_m, sent.sighting, tag_size_m=self._tag_size_m)
 
 
-def _judge(wanted: RobotMission, *, driving: bool, trouble: str) -> tuple[Status, str | None]:
-    """Return what the robot is doing, and why; ``trouble`` is what keeps plans from being made."""
+def _judge(wanted: RobotMission, *, held: bool, driving: bool, trouble: str) -> tuple[Status, str | None]:
+    """Return what the robot is doing, and why.
+
+    Args:
+        wanted: What the operator wants of it.
+        held: The robot says that its stop is latched.
+        driving: It is being given plans.
+        trouble: What keeps plans from being made.
+    """
     if wanted.stopped:
         return "stopped", "the robot has not confirmed the stop" if wanted.order is not None else None
+    if held and wanted.order is None:
+        return "stopped", "the robot holds a stop that did not come from this server: resume it"
     if wanted.goal is None:
         return "no_goal", "the robot has not confirmed to go on" if wanted.order is not None else None
     if wanted.arrived:

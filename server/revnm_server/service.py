@@ -94,7 +94,7 @@ class NavigationService:
             link.close()
 
     def stop(self, robot: str) -> bool:
-        """Stop ``robot`` and drop its goal; return whether it has confirmed. Blocks up to 0.5 s.
+        """Stop ``robot`` and drop its goal; return whether it has confirmed. Blocks up to about a second.
 
         Raises:
             UnknownRobotError: It is not configured.
@@ -103,7 +103,7 @@ class NavigationService:
         return self._courier.deliver(robot)
 
     def resume(self, robot: str) -> bool:
-        """Release the stop of ``robot``; return whether it has confirmed. Blocks up to 0.5 s.
+        """Release the stop of ``robot``; return whether it has confirmed. Blocks up to about a second.
 
         Raises:
             UnknownRobotError: It is not configured.
@@ -136,7 +136,7 @@ class NavigationService:
         for robot, link in self._links.items():
             if not link.listen() or link.state is None:
                 continue
-            self.mission.believe_epoch(robot, int(link.state["epoch"] or 0))
+            self.mission.catch_up(robot, int(link.state["epoch"] or 0))
             if self.mission.of(robot).stopped and link.state["stopped"] is False:
                 self.mission.repeat_order(robot)
 

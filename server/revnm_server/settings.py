@@ -13,7 +13,13 @@ from typing import Annotated, Any
 
 import pydantic
 import yaml
-from pydantic_settings import BaseSettings, InitSettingsSource, PydanticBaseSettingsSource, SettingsConfigDict
+from pydantic_settings import (
+    BaseSettings,
+    InitSettingsSource,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+    SettingsError,
+)
 
 from revnm_client.errors import ConfigError, FileError, RevnmError
 from revnm_client.keys import check_name
@@ -49,6 +55,16 @@ class ZenohSettings(Section):
     listen: Annotated[tuple[str, ...], pydantic.Field(min_length=1)] = ("tcp/127.0.0.1:7447",)
 
 
+def is_loopback(host: str) -> bool:
+    """Return whether a host's name or address means this machine and nothing else; rubbish does not."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
 class HttpSettings(Section):
     """Where the page and the API are, and who may see them.
 
@@ -63,12 +79,7 @@ class HttpSettings(Section):
     @property
     def loopback(self) -> bool:
         """Whether only this machine can reach it."""
-        if self.host == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
+        return is_loopback(self.host)
 
     @pydantic.field_validator("token")
     @classmethod
@@ -155,6 +166,8 @@ def load_settings(config: Path | None = None, *, overrides: Mapping[str, Any] | 
         problems = error.errors(include_url=False, include_input=False, include_context=False)
         texts = [_where(problem["loc"], config, lines) + problem["msg"] for problem in problems]
         raise ConfigError("; ".join(texts)) from None  # pydantic's own text would show the values
+    except SettingsError as error:
+        raise ConfigError(f"settings: {error}") from None  # an environment variable that is no JSON
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[tuple[str, ...], int]]:

@@ -6,15 +6,16 @@ import heapq
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
 from revnm_client.agent import ARRIVED, AgentConfig, RobotAgent
+from revnm_client.errors import ConfigError
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import STANDSTILL, Odometry, Plan, Scan, Velocity
-from revnm_client.mppi import MppiConfig
+from revnm_client.mppi import Footprint, MppiConfig
 
 TICK_NS = 50_000_000
 OFFSET_NS = 7_000_000_000  # the server's clock is ahead
@@ -384,7 +385,7 @@ def test_stop_latches_until_resume_and_a_new_plan(driving: Drive) -> None:
     tick = agent.tick(driving.now_ns)
     assert (tick.velocity, tick.reason) == (STANDSTILL, "stopped by the operator")
     assert (state(driving)["stopped"], state(driving)["epoch"]) == (True, 5)
-    agent.resume()
+    agent.resume(5)
     assert agent.tick(driving.now_ns).reason == "no plan yet"
     old = Plan(driving.now_ns + OFFSET_NS, np.array([[1.0, 0.0]]), 4, 999, "goal")
     assert not agent.on_plan(old, driving.now_ns)
@@ -409,6 +410,22 @@ def test_odometry_that_jumps_drops_the_plan(driving: Drive) -> None:
     driving.agent.on_odometry(Odometry(now, Pose2(90.0, 0.0, 0.0), STANDSTILL), now)
     assert driving.agent.tick(now).velocity == STANDSTILL
     assert state(driving)["goal_id"] is None
+
+
+def test_odometry_a_little_ahead_of_the_clock_is_driven_with() -> None:
+    drive = Drive(Scene(), Pose2(0.0, 0.0, 0.0), config=MppiConfig(samples=100))
+    agent, now = drive.agent, drive.now_ns
+    ahead = now + 150_000_000  # a base whose clock is 0.15 s ahead; 0.2 s are allowed
+    agent.on_odometry(Odometry(ahead, drive.odom, STANDSTILL), now)
+    agent.on_scan(replace(drive._scan(), stamp_ns=ahead), now)
+    agent.on_plan(Plan(ahead + OFFSET_NS, np.array([[1.0, 0.0]]), 0, 1, "goal"), now)
+    assert agent.tick(now).reason is None
+
+
+def test_one_robot_has_one_footprint() -> None:
+    wide = MppiConfig(footprint=Footprint(width_m=0.6, circle_radius_m=0.4))
+    with pytest.raises(ConfigError, match="footprints"):
+        AgentConfig(mppi=wide)
 
 
 def test_scan_without_odometry_or_out_of_order_is_counted() -> None:

@@ -115,6 +115,7 @@ def test_probe_counts_garbage_and_goes_on(router, client, eventually):
     with router.declare_queryable("rover/revnm/time", answer), ClockProbe(client, "rover") as probe:
         eventually(lambda: probe.reading().rejected >= 5)
         assert probe.reading().offset_ns is None
+        assert probe.reading().last_error.startswith("rover/revnm/time: ")
         assert probe.reading().failures == 0
 
 

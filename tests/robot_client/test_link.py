@@ -60,6 +60,22 @@ def test_garbage_is_counted_and_does_not_stop_the_inbox(router, client, eventual
         assert inbox.rejected == 5
 
 
+def test_garbage_displaces_no_sound_message(router, client, eventually):
+    with link.LatestSubscriber(client, "rover/cmd_vel") as subscriber, link.LatestSubscriber(client, "end") as end:
+        inbox = link.Inbox(subscriber, cdr.decode_velocity)
+        block = zenoh.CongestionControl.BLOCK
+        publisher = router.declare_publisher("rover/cmd_vel", congestion_control=block)
+        marker = router.declare_publisher("end", congestion_control=block)
+        eventually(lambda: publisher.matching_status.matching and marker.matching_status.matching)
+        for payload in [cdr.encode_velocity(Velocity(0.1, 0.0)), cdr.encode_velocity(Velocity(0.2, 0.0)), b"", b"{}"]:
+            publisher.put(payload)
+        marker.put("all is sent")
+        eventually(end.take)
+        assert inbox.take() == Velocity(0.2, 0.0)
+        assert inbox.rejected == 2
+        assert inbox.take() is None
+
+
 def test_attachments_reach_the_decoder(router, client, eventually):
     with link.LatestSubscriber(client, "rover/waypoints") as subscriber:
         inbox = link.Inbox.with_attachment(subscriber, lambda payload, attachment: (payload, attachment))

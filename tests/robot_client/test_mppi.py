@@ -148,6 +148,14 @@ def test_does_not_turn_first_towards_a_blocked_place() -> None:
     assert mppi.plan(MppiInput(waypoints, wall, STANDSTILL)).w_radps != pytest.approx(0.2)
 
 
+@pytest.mark.parametrize("now", [Velocity(5.0, 0.0), Velocity(-3.0, 0.0), Velocity(0.3, 6.0), Velocity(0.0, -5.0)])
+@pytest.mark.parametrize("waypoints", [AHEAD, np.array([[0.0, 0.0], [0.0, 1.0]])])
+def test_whatever_odometry_claims_the_command_is_within_the_limits(now: Velocity, waypoints: np.ndarray) -> None:
+    velocity = Mppi(CONFIG).plan(MppiInput(waypoints, NOTHING, now))
+    assert 0.0 <= velocity.v_mps <= CONFIG.max_v_mps
+    assert abs(velocity.w_radps) <= CONFIG.max_w_radps
+
+
 def test_full_speed_towards_a_wall_is_never_wanted() -> None:
     wall = np.stack([np.full(200, 0.45), np.linspace(-1.5, 1.5, 200)], axis=1)
     mppi = Mppi(CONFIG)

@@ -65,7 +65,7 @@ def test_old_measurements_are_dropped_and_late_ones_ignored() -> None:
     assert buffer.latest(9950 * MS) == pytest.approx((1.99, 0.0, 0.0))
 
 
-@pytest.mark.parametrize("item", [odometry(1550, 5.0), odometry(100, 0.25)])
+@pytest.mark.parametrize("item", [odometry(1550, 5.0), odometry(100, 0.25), odometry(1550, 0.25, yaw=2.0)])
 def test_a_jump_begins_anew(item: Odometry) -> None:
     buffer = filled()
     assert not buffer.add(item)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from revnm_client.braking import BrakingConfig, is_collision_course, rectangle_distance, stopping_poses
+from revnm_client.errors import ConfigError
 from revnm_client.messages import STANDSTILL, Plan, Velocity
 from revnm_client.mppi import Footprint
 from revnm_client.plan_gate import PlanGate
@@ -175,6 +176,24 @@ def test_stop_latches_and_raises_the_epoch_and_never_lowers_it() -> None:
     assert (gate.stopped, gate.epoch) == (True, 4)
     assert not accepts(gate, plan(epoch=3))
     assert gate.stopped
-    gate.resume()
+    gate.resume(4)
     assert (gate.stopped, gate.epoch) == (False, 4)
     assert accepts(gate, plan(epoch=4))
+
+
+def test_resume_raises_the_epoch_too_and_never_lowers_it() -> None:
+    gate = PlanGate()
+    gate.stop(4)
+    gate.resume(6)
+    assert (gate.stopped, gate.epoch) == (False, 6)
+    assert not accepts(gate, plan(epoch=5))
+    gate.resume(2)
+    assert gate.epoch == 6
+
+
+@pytest.mark.parametrize(
+    "bad", [{"braking_mps2": 0.0}, {"braking_radps2": -1.0}, {"braking_mps2": math.nan}, {"margin_m": -0.01}]
+)
+def test_a_robot_that_never_stops_is_refused(bad: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match="decelerations over 0"):
+        BrakingConfig(**bad)

@@ -224,15 +224,22 @@ def test_with_a_token_only_health_is_open(service: NavigationService) -> None:
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
     assert api.call("GET", "/api/v1/state", headers={"cookie": cookie.split(";")[0]}).status_code == 200
+    crowded = 'other={"a": [1, "b"]}; ' + cookie.split(";")[0]  # of another server on the same machine
+    assert api.call("GET", "/api/v1/state", headers={"cookie": crowded}).status_code == 200
     assert_problem(api.call("GET", "/api/v1/state", headers={"cookie": "revnm_token=é".encode("latin-1")}), 401)
 
 
 def test_pages_of_other_sites_can_do_nothing(api: Api, service: NavigationService) -> None:
     stop = "/api/v1/robots/rover/stop"
     assert_problem(api.call("POST", stop, headers={"origin": "http://evil.example"}), 403)
-    assert_problem(api.call("POST", stop, headers={"host": "evil.example"}), 421)
+    assert_problem(api.call("POST", stop, headers={"origin": "http://["}), 403)
+    for host in ("evil.example", "192.168.1.5", "127.0.0.1.evil.example", "[", "a]b", ""):
+        assert_problem(api.call("POST", stop, headers={"host": host}), 421)
     assert not service.mission.of("rover").stopped
     assert api.call("POST", stop, headers={"origin": "http://127.0.0.1:8000"}).status_code == 200
+    for host in ("localhost:8000", "127.0.0.2", "[::1]:8000"):
+        assert api.call("GET", "/healthz", headers={"host": host}).status_code == 200
+        assert api.call("GET", "/api/v1/state", headers={"host": host}).status_code == 200
 
 
 @asynccontextmanager

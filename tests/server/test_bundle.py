@@ -57,6 +57,14 @@ def test_a_missing_file_is_named(tiny_bundle: Path, file: str) -> None:
         load_bundle(tiny_bundle)
 
 
+@pytest.mark.parametrize("file", ["manifest.json", "depth.onnx"])
+def test_a_file_that_cannot_be_read_is_named(tiny_bundle: Path, file: str) -> None:
+    (tiny_bundle / file).unlink()
+    (tiny_bundle / file).symlink_to("/proc/self/mem")  # can be opened by anybody; reading its start fails
+    with pytest.raises(FileError, match=rf"{file}: cannot be read: Input/output error"):
+        load_bundle(tiny_bundle)
+
+
 def test_an_altered_file_is_named_with_both_hashes(tiny_bundle: Path) -> None:
     path = tiny_bundle / "exo2ego.onnx"
     before = file_sha256(path)
@@ -98,6 +106,16 @@ def test_a_model_that_gives_nan_is_refused(tiny_bundle: Path) -> None:
     model.graph.node[0].output[0] = "mean"
     _replace_model(tiny_bundle, "depth", model)
     with pytest.raises(FileError, match=r"depth\.onnx: output disparity is not finite"):
+        load_bundle(tiny_bundle)
+
+
+def test_a_model_that_gives_text_is_refused(tiny_bundle: Path) -> None:
+    model = depth_model()
+    model.graph.node.append(onnx.helper.make_node("Cast", ["mean"], ["disparity"], to=onnx.TensorProto.STRING))
+    model.graph.node[0].output[0] = "mean"
+    model.graph.output[0].type.tensor_type.elem_type = onnx.TensorProto.STRING
+    _replace_model(tiny_bundle, "depth", model)
+    with pytest.raises(FileError, match=r"depth\.onnx: output disparity is no array of floats"):
         load_bundle(tiny_bundle)
 
 

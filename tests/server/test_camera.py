@@ -57,6 +57,10 @@ def write_video(path: Path, frames: int, *, fps: int = 50) -> Path:
         ("rtsp://admin:pa%40ss@10.0.0.5:554/live", "rtsp://***@10.0.0.5:554/live"),
         ("rtsp://cam/live?user=admin&password=x", "rtsp://cam/live?user=***&password=***"),
         ("rtsp://a:b@c@host/x", "rtsp://***@host/x"),
+        ("rtsp://cam:554/user=admin&password=x&channel=1", "rtsp://cam:554/user=***&password=***&channel=***"),
+        ("rtsp://a:pa#ss@host/x", "rtsp://***@host/x"),
+        ("rtsp://a:12/34@host/x", "rtsp://***@host/x"),
+        ("rtsp://[a:b", "***"),
         ("file:///tmp/a.mp4?loop=1", "file:///tmp/a.mp4?loop=1"),
     ],
 )
@@ -66,7 +70,19 @@ def test_addresses_are_shown_without_credentials(url: str, shown: str) -> None:
 
 @pytest.mark.parametrize(
     "url",
-    ["", "http://u:secret@cam/x", "rtsp://", "file://relative.mp4", "file:///a?speed=2", "zenoh://a b", "zenoh://c/d"],
+    [
+        "",
+        "http://u:secret@cam/x",
+        "rtsp://u:secret#1@cam/x",
+        "rtsp://u:secret/1@cam/x",
+        "rtsp://u:1@[secret",
+        "rtsp://",
+        "file://relative.mp4",
+        "file:///a?speed=2",
+        "file:///a?speed",
+        "zenoh://a b",
+        "zenoh://c/d",
+    ],
 )
 def test_other_addresses_are_refused_without_telling_secrets(url: str) -> None:
     with pytest.raises(ConfigError) as caught:
@@ -116,11 +132,25 @@ def test_a_missing_file_says_so(tmp_path: Path, session: zenoh.Session) -> None:
         camera.close()
 
 
+def test_a_file_without_pictures_says_so(tmp_path: Path, session: zenoh.Session) -> None:
+    with av.open(str(tmp_path / "sound.wav"), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=8000)
+        silence = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
+        silence.sample_rate = 8000
+        container.mux(stream.encode(silence))
+    camera = open_camera(f"file://{tmp_path}/sound.wav", session)
+    try:
+        eventually(lambda: camera.status().state is CameraState.RECONNECTING)
+        assert "no pictures in it" in str(camera.status().reason)
+    finally:
+        camera.close()
+
+
 def test_rtsp_runs_freezes_and_comes_back() -> None:
     with RtspServer(counting_picture) as server:
         source = parse_camera_url(server.url)
         assert isinstance(source, NetworkCamera)
-        camera = PyavReader(source, timeout_s=1.0)
+        camera = PyavReader(source, timeout_s=2.0)  # well over the second after which the picture is stale
         try:
             frame = eventually(lambda: camera.wait_newer(-1, timeout_s=0.1))
             assert frame.size_px == (160, 96)
@@ -130,7 +160,8 @@ def test_rtsp_runs_freezes_and_comes_back() -> None:
             server.freeze()
             eventually(lambda: camera.status().state is CameraState.STALE, within_s=3.0)
             assert camera.status().reason.startswith("no new picture for")  # type: ignore[union-attr]
-            eventually(lambda: camera.status().state is CameraState.RECONNECTING, within_s=5.0)
+            eventually(lambda: camera.status().state is CameraState.RECONNECTING, within_s=8.0)
+            assert camera.status().reason == "nothing came for 2.0 s"
             assert "s3cret" not in str(camera.status())
 
             server.thaw()

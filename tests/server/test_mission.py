@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from revnm_client.errors import ConfigError, FileError
-from revnm_server.mission import GoalError, Mission, StoppedError, UnknownRobotError
+from revnm_server.mission import MAX_EPOCH, GoalError, Mission, StoppedError, UnknownRobotError
 
 SIZE = (640, 480)
 
@@ -118,11 +118,25 @@ def test_a_confirmation_counts_for_its_own_order_only(mission: Mission) -> None:
 
 
 def test_a_robot_ahead_is_believed_within_reason(mission: Mission) -> None:
-    mission.believe_epoch("rover", 41)
-    assert mission.of("rover").epoch == 41
-    for epoch in (7, 2**60, -1):
-        mission.believe_epoch("rover", epoch)
-        assert mission.of("rover").epoch == 41
+    mission.catch_up("rover", 41)
+    assert mission.of("rover").epoch == 42
+    for epoch in (7, 41, 42, 2**60, -1):
+        mission.catch_up("rover", epoch)
+        assert mission.of("rover").epoch == 42
+
+
+def test_a_robot_that_obeyed_another_server_in_this_epoch_gets_a_newer_one(mission: Mission) -> None:
+    epoch = mission.of("rover").epoch
+    mission.catch_up("rover", epoch)  # whose plans it knows nobody can say: it is heard for the first time
+    assert mission.of("rover").epoch == epoch + 1
+    mission.catch_up("rover", epoch + 1)
+    assert mission.of("rover").epoch == epoch + 1
+
+
+def test_the_highest_epoch_that_is_believed_survives_restarts(mission: Mission, tmp_path: Path) -> None:
+    mission.catch_up("rover", MAX_EPOCH - 1)
+    for _ in range(3):
+        assert restarted(tmp_path).of("rover").epoch > MAX_EPOCH - 1
 
 
 @pytest.mark.parametrize(

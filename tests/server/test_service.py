@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -172,12 +173,12 @@ def test_a_stop_nobody_confirms_is_repeated_until_somebody_does(
         eventually(lambda: robot.stopped)
 
 
-def test_a_liar_confirms_nothing(service: NavigationService, client: zenoh.Session) -> None:
+def test_a_liar_confirms_nothing(service: NavigationService, router: zenoh.Session, client: zenoh.Session) -> None:
     for reply in (b'{"stopped":false,"epoch":99}', b"\xff garbage", b'{"stopped":true,"epoch":0}'):
         queryable = client.declare_queryable(
             keys.stop("rover"), lambda query, reply=reply: query.reply(keys.stop("rover"), reply)
         )
-        eventually(lambda: client.get(keys.stop("rover"), timeout=1.0) is not None)
+        eventually(lambda: [r for r in router.get(keys.stop("rover"), timeout=1.0) if r.ok])  # the router knows it
         assert service.stop("rover") is False
         queryable.undeclare()
     assert service.view().rejected[keys.stop("rover")] >= 1
@@ -262,7 +263,33 @@ def test_a_server_without_its_state_file_catches_up_with_the_robot(
     service: NavigationService, client: zenoh.Session
 ) -> None:
     with RobotEnd(client) as robot:
-        eventually(lambda: robot.say(epoch=50) or service.mission.of("rover").epoch == 50)
+        eventually(lambda: robot.say(epoch=50) or service.mission.of("rover").epoch == 51)
+
+
+def test_a_robot_that_holds_a_stop_of_another_server_can_be_resumed(
+    service: NavigationService, client: zenoh.Session
+) -> None:
+    with RobotEnd(client) as robot:
+        robot.stopped, robot.epoch = True, 7
+        eventually(lambda: robot.say() or rover(service).status == "stopped")
+        assert rover(service).reason == "the robot holds a stop that did not come from this server: resume it"
+        assert service.resume("rover") is True
+        assert not robot.stopped
+        eventually(lambda: robot.say() or rover(service).status == "no_goal")
+
+
+def test_who_waits_for_a_silent_robot_waits_a_second_however_many_do(
+    service: NavigationService, client: zenoh.Session
+) -> None:
+    asked: list[zenoh.Query] = []  # kept, so that nobody is answered
+    queryable = client.declare_queryable(keys.stop("rover"), asked.append)
+    eventually(lambda: service.stop("rover") is False and asked)
+    with ThreadPoolExecutor(8) as pool:
+        began_s = time.monotonic()
+        assert list(pool.map(service.stop, ["rover"] * 8)) == [False] * 8
+        assert time.monotonic() - began_s < 2.5  # one after the other they would take 4 s
+    asked.clear()
+    queryable.undeclare()
 
 
 def test_ready_needs_camera_and_robot(service: NavigationService, client: zenoh.Session) -> None:

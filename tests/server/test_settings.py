@@ -31,6 +31,12 @@ def test_an_error_names_file_line_and_key(config: Path) -> None:
     assert f"{config}:5: http.speed: " in str(caught.value)
 
 
+def test_an_environment_variable_that_is_no_json_is_an_error_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("REVNM_ROBOTS", "rover=3")
+    with pytest.raises(ConfigError, match="robots"):
+        load_settings()
+
+
 @pytest.mark.parametrize("text", ["- 1", "a: [", "1: 2", "x"])
 def test_a_file_that_is_no_mapping_is_refused(config: Path, text: str) -> None:
     config.write_text(text)

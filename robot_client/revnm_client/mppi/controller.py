@@ -56,7 +56,15 @@ class Mppi:
         self._turn_first.reset()
 
     def plan(self, state: MppiInput) -> Velocity:
-        """Return the velocity for the next control period."""
+        """Return the velocity for the next control period, within the limits even where the robot's own is not."""
+        config, wanted = self._config, self._choose(state)
+        return Velocity(
+            min(max(wanted.v_mps, 0.0), config.max_v_mps),
+            min(max(wanted.w_radps, -config.max_w_radps), config.max_w_radps),
+        )
+
+    def _choose(self, state: MppiInput) -> Velocity:
+        """Return what can be reached from the present velocity in one step; only that bounds it."""
         config = self._config
         path = path_ahead(state.waypoints_m)
         field = DistanceField.from_points(

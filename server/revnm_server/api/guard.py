@@ -6,19 +6,19 @@ A plain ASGI middleware, since streams pass through it.
 from __future__ import annotations
 
 import hmac
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
 from starlette.datastructures import Headers
+from starlette.requests import cookie_parser
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from revnm_server.api.problems import problem
+from revnm_server.settings import is_loopback
 
 MAX_BODY_BYTES = 16_384
 COOKIE = "revnm_token"
 _OPEN_PATHS = ("/healthz",)
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
-_LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 _SECURITY_HEADERS = {
     "content-security-policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
@@ -65,11 +65,11 @@ class Guard:
         if scope["path"] in _OPEN_PATHS:
             return None
         host = headers.get("host", "")
-        if self._local_names_only and urlsplit(f"//{host}").hostname not in _LOCAL_NAMES:
+        if self._local_names_only and not _is_local(host):
             return 421, "this server answers to names of its own machine only"
         origin = headers.get("origin")
         safe = scope["type"] == "http" and scope["method"] in _SAFE_METHODS
-        if origin is not None and not safe and urlsplit(origin).netloc != host:
+        if origin is not None and not safe and not _is_same_site(origin, host):
             return 403, "a page of another site may not do this"
         if scope["type"] == "http" and not safe:
             refusal = _body_refusal(headers)
@@ -84,6 +84,22 @@ class Guard:
         if self._token is None or scope["type"] != "http" or scope["path"] != "/":
             return None
         return f"{COOKIE}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+
+
+def _is_local(host: str) -> bool:
+    """Whether a Host header names this machine; hostile ones cannot even be split."""
+    try:
+        return is_loopback(urlsplit(f"//{host}").hostname or "")
+    except ValueError:
+        return False
+
+
+def _is_same_site(origin: str, host: str) -> bool:
+    """Whether an Origin header names the host that the request went to."""
+    try:
+        return urlsplit(origin).netloc == host
+    except ValueError:
+        return False
 
 
 def _body_refusal(headers: Headers) -> tuple[int, str] | None:
@@ -101,11 +117,9 @@ def _given(scope: Scope, headers: Headers) -> list[str]:
     scheme, _, bearer = headers.get("authorization", "").partition(" ")
     if scheme.lower() == "bearer":
         given.append(bearer.strip())
-    try:
-        cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
-    except CookieError:
-        cookie = None
-    return [*given, cookie.value] if cookie is not None else given
+    # As browsers do, not as http.cookies: it gives up at the odd cookies of other servers on this machine.
+    cookie = cookie_parser(headers.get("cookie", "")).get(COOKIE)
+    return [*given, cookie] if cookie is not None else given
 
 
 def _same(token: str, given: str) -> bool:

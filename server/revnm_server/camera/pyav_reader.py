@@ -36,8 +36,8 @@ _RTSP_OPTIONS = {
 _FILE_OPTIONS = {"protocol_whitelist": "file"}
 
 
-class FrozenStreamError(RevnmError):
-    """Pictures keep coming, yet their time stamps stand."""
+class StreamError(RevnmError):
+    """A stream that can be read and is no use: no pictures in it, or their time stamps stand."""
 
 
 class PyavReader:
@@ -104,6 +104,8 @@ class PyavReader:
         return None
 
     def _read(self, container: InputContainer) -> None:
+        if not container.streams.video:
+            raise StreamError("there are no pictures in it, only sound or data")
         stream = container.streams.video[0]
         stream.thread_type = "SLICE"
         stream.codec_context.options = {"max_pixels": str(MAX_PIXELS)}
@@ -115,7 +117,7 @@ class PyavReader:
             if frame.pts is not None and frame.pts <= newest_pts:
                 self._slot.note_repeated()
                 if time.monotonic() - advanced_s > self._timeout_s:
-                    raise FrozenStreamError("the time stamps of the stream stand still")
+                    raise StreamError("the time stamps of the stream stand still")
                 continue
             newest_pts, advanced_s = frame.pts if frame.pts is not None else -1, time.monotonic()
             if isinstance(self._source, FileCamera) and self._source.realtime and frame.time is not None:
@@ -136,7 +138,9 @@ class PyavReader:
 
     def _describe(self, error: Exception) -> str:
         """Return what went wrong, without the address: FFmpeg repeats it with its password."""
-        if isinstance(error, OSError) and error.strerror:
+        if isinstance(error, av.error.ExitError):  # PyAV's way to say that a time-out ran out
+            return f"nothing came for {self._timeout_s} s"
+        if isinstance(error, OSError | av.FFmpegError) and error.strerror:
             return error.strerror
         if isinstance(error, RevnmError):
             return str(error)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
@@ -56,18 +57,26 @@ class ZenohCamera:
 
 
 def redact(url: str) -> str:
-    """Return the address without user, password and the values of its query."""
+    """Return the address without user, password and the values of its query, or of a path that looks like one.
+
+    Some cameras want ``rtsp://HOST/user=admin&password=…``.
+    """
+    scheme, mark, rest = url.partition("://")
     try:
         parts = urlsplit(url)
+        if "@" in rest and "@" not in parts.netloc and scheme != "file":
+            # A password with / ? or # in it that is not percent-encoded.
+            parts = urlsplit(f"{scheme}{mark}{_HIDDEN}@{rest.rpartition('@')[2]}")
     except ValueError:
         return _HIDDEN
     netloc = parts.netloc
     if "@" in netloc:
         netloc = f"{_HIDDEN}@{netloc.rpartition('@')[2]}"
-    query = parts.query
-    if query and parts.scheme != "file":
-        query = "&".join(f"{item.partition('=')[0]}={_HIDDEN}" for item in query.split("&"))
-    return parts._replace(netloc=netloc, query=query).geturl()
+    path, query = parts.path, parts.query
+    if parts.scheme != "file":
+        path = re.sub(r"=[^&;/]*", f"={_HIDDEN}", path)
+        query = "&".join(f"{item.partition('=')[0]}={_HIDDEN}" for item in query.split("&")) if query else ""
+    return parts._replace(netloc=netloc, path=path, query=query).geturl()
 
 
 def parse_camera_url(url: str) -> NetworkCamera | FileCamera | ZenohCamera:
@@ -84,8 +93,12 @@ def parse_camera_url(url: str) -> NetworkCamera | FileCamera | ZenohCamera:
             return _file(parts)
         if parts.scheme == "zenoh" and not (parts.path or parts.query):
             return ZenohCamera(check_name(parts.netloc))
-    except (ValueError, RevnmError) as error:
+    except RevnmError as error:
         raise ConfigError(f"camera address {redact(url)}: {error}; {_EXPECTED}") from None
+    except ValueError:  # its text would show parts of a password
+        raise ConfigError(
+            f"camera address {redact(url)!r} is malformed: percent-encode what is special in a password; {_EXPECTED}"
+        ) from None
     raise ConfigError(f"camera address {redact(url)!r} is not understood: {_EXPECTED}")
 
 

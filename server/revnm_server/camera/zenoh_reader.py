@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 
@@ -16,6 +17,8 @@ from revnm_server.camera.jpeg import decode_jpeg
 from revnm_server.camera.slot import LatestSlot
 from revnm_server.camera.source import CameraState, CameraStatus
 from revnm_server.frame import Frame
+
+logger = logging.getLogger(__name__)
 
 _POLL_S = 0.004
 _OLDEST_NS = 1_000_000_000
@@ -64,13 +67,15 @@ class ZenohReader:
 
     def _run(self) -> None:
         while not self._closing.wait(_POLL_S):
-            message = self._inbox.take()
-            if message is None:
-                continue
             try:
-                self._accept(message)
+                message = self._inbox.take()
+                if message is not None:
+                    self._accept(message)
             except MessageError:
                 self._slot.note_rejected()
+            except Exception:  # the outermost loop of this thread: counted, and the picture grows stale
+                self._slot.note_rejected()
+                logger.exception("camera %s: a picture could not be read", self.redacted_url)
 
     def _accept(self, message: CompressedImage) -> None:
         if message.stamp_ns == self._last_stamp_ns:

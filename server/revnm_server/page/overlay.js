@@ -24,8 +24,8 @@ export function pixelAt(event, canvas, size) {
   return u >= 0 && v >= 0 && u < size[0] && v < size[1] ? { u, v } : null;
 }
 
-/** Draw everything; `chosen` is the name of the robot that clicks are for. */
-export function draw(canvas, state, chosen) {
+/** Draw everything; `chosen` is the name of the robot that clicks are for, `quiet` whether the state is old. */
+export function draw(canvas, state, { chosen, quiet }) {
   const ratio = window.devicePixelRatio || 1;
   const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
   if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
@@ -39,9 +39,9 @@ export function draw(canvas, state, chosen) {
   pen.lineJoin = pen.lineCap = "round";
   for (const robot of state.robots) {
     pen.globalAlpha = robot.name === chosen ? 1 : 0.55;
-    drawPath(pen, robot, place.scale);
+    if (!quiet) drawPath(pen, robot, place.scale);
     if (robot.goal) drawGoal(pen, robot, place.scale);
-    if (robot.pixel) drawRobot(pen, robot, place.scale);
+    if (robot.pixel) drawRobot(pen, robot, place.scale, quiet);
   }
 }
 
@@ -70,18 +70,19 @@ function drawPath(pen, robot, scale) {
 
 function drawGoal(pen, robot, scale) {
   const [x, y] = [robot.goal.u * scale, robot.goal.v * scale];
+  const arrived = robot.status === "arrived";
   pen.beginPath();
-  pen.arc(x, y, 11, 0, 2 * Math.PI);
-  for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+  pen.arc(x, y, arrived ? 20 : 11, 0, 2 * Math.PI);
+  for (const [dx, dy] of arrived ? [] : [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
     pen.moveTo(x + 6 * dx, y + 6 * dy);
     pen.lineTo(x + 17 * dx, y + 17 * dy);
   }
-  stroke(pen, robot.status === "arrived" ? SEEN : GOAL, 2.5);
+  stroke(pen, arrived ? SEEN : GOAL, 2.5);
 }
 
-function drawRobot(pen, robot, scale) {
+function drawRobot(pen, robot, scale, quiet) {
   const [x, y] = [robot.pixel[0] * scale, robot.pixel[1] * scale];
-  const fresh = robot.sighting_age_s !== null && robot.sighting_age_s < 1;
+  const fresh = !quiet && robot.sighting_age_s !== null && robot.sighting_age_s < 1;
   const colour = fresh ? SEEN : LOST;
   pen.beginPath();
   pen.arc(x, y, 13, 0, 2 * Math.PI);
@@ -94,12 +95,23 @@ function drawRobot(pen, robot, scale) {
     pen.lineTo(x + 27 * du + 7 * dv, y + 27 * dv - 7 * du);
   }
   stroke(pen, colour, 3);
+  drawLabel(pen, fresh ? robot.name : `${robot.name} (last seen)`, { x, y: labelY(robot, y), colour });
+}
+
+/** The label keeps out of the way of the arrow. */
+function labelY(robot, y) {
+  return robot.heading && robot.heading[1] > 0 ? y - 34 : y + 34;
+}
+
+function drawLabel(pen, text, { x, y, colour }) {
   pen.font = "600 13px system-ui, sans-serif";
   pen.textAlign = "center";
-  const label = fresh ? robot.name : `${robot.name} (last seen)`;
-  pen.strokeStyle = "rgba(0,0,0,.7)";
-  pen.lineWidth = 4;
-  pen.strokeText(label, x, y + 32);
+  pen.textBaseline = "middle";
+  const width = pen.measureText(text).width + 16;
+  pen.fillStyle = "rgba(14,17,20,.85)";
+  pen.beginPath();
+  pen.roundRect(x - width / 2, y - 11, width, 22, 11);
+  pen.fill();
   pen.fillStyle = colour;
-  pen.fillText(label, x, y + 32);
+  pen.fillText(text, x, y + 1);
 }
