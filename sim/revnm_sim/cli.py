@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from revnm_client.errors import LinkError, RevnmError
 
 _DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+_INTERRUPTED = 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status: 2 for what the person who called can mend."""
+    """Run the command; return the exit status: 2 for what the person who called can mend, 130 after Ctrl-C."""
     words = list(sys.argv[1:] if argv is None else argv)
     arguments = _parser(words).parse_args(words)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
@@ -24,6 +25,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except RevnmError as error:
         print(f"revnm-sim: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("revnm-sim: stopped; a benchmark goes on with the same command", file=sys.stderr)
+        return _INTERRUPTED
 
 
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:

@@ -20,7 +20,7 @@ from revnm_sim.occupancy import OccupancyGrid
 from revnm_sim.placement import sample_camera
 from revnm_sim.raycast import visible
 from revnm_sim.robot import RobotSpec
-from revnm_sim.world import World, primitive_arrays
+from revnm_sim.world import PrimitiveArrays, World, primitive_arrays
 from revnm_sim.worlds import named_world
 
 _CLEARANCE_M = 0.35
@@ -82,8 +82,9 @@ def sample_pair(
     """
     robot = RobotSpec()
     places = free_places(expert.grid, rng, count=_PLACES)
-    starts = places[tag_seen(world, camera, places, robot)]
-    goals = places[visible(primitive_arrays(world.primitives), camera, _at_height(places, 0.0))]
+    arrays = primitive_arrays(world.primitives)
+    starts = places[tag_seen(arrays, camera, places, robot)]
+    goals = places[visible(arrays, camera, _at_height(places, 0.0))]
     for goal in goals[:_ATTEMPTS]:
         fitting = starts[_apart(starts, goal, distance_m)]
         if blocked:
@@ -111,12 +112,11 @@ def segment_blocked(grid: OccupancyGrid, starts_m: FloatArray, goal_m: FloatArra
     return np.asarray((grid.clearance_m(points) < INSCRIBED_M).any(axis=0))
 
 
-def tag_seen(world: World, camera: Camera, places_m: FloatArray, robot: RobotSpec) -> BoolArray:
-    """Return at which places (M, 2) the camera sees the middle and the edge of a robot's tag."""
+def tag_seen(arrays: PrimitiveArrays, camera: Camera, places_m: FloatArray, robot: RobotSpec) -> BoolArray:
+    """Return at which places (M, 2) the camera sees the middle of a robot's tag and the circle of its corners."""
     reach = robot.tag_m / math.sqrt(2.0)
     offsets = np.array([[0.0, 0.0], [reach, 0.0], [-reach, 0.0], [0.0, reach], [0.0, -reach]])
     points = _at_height(places_m[:, None] + offsets, robot.top_m)  # (M, 5, 3)
-    arrays = primitive_arrays(world.primitives)
     return np.asarray(visible(arrays, camera, points.reshape(-1, 3)).reshape(-1, len(offsets)).all(axis=1))
 
 
@@ -165,10 +165,11 @@ def demo_scenario(seed: int) -> Scenario:
     """
     world, robot = demo_room(seed), RobotSpec()
     expert, rng = Expert(world), np.random.default_rng([seed, 2])
+    arrays = primitive_arrays(world.primitives)
     for _ in range(_ATTEMPTS):
         camera = _wall_camera(world, rng)
         places = free_places(expert.grid, rng, count=_PLACES)
-        seen = places[tag_seen(world, camera, places, robot)]
+        seen = places[tag_seen(arrays, camera, places, robot)]
         if len(seen) < _DEMO_SEEN_SHARE * len(places) or tag_side_px(camera, seen, robot).min() < _TAG_LEAST_PX:
             continue
         pixels, _ = camera.project(_at_height(seen, robot.top_m))
@@ -178,7 +179,7 @@ def demo_scenario(seed: int) -> Scenario:
             to_goal = expert.field(goal)
             for start in central[_apart(central, goal, (2.5, 5.0)) & to_goal.reachable(central)]:
                 way = to_goal.path(start)
-                if _drivable(to_goal, way) and tag_seen(world, camera, way, robot).all():
+                if _drivable(to_goal, way) and tag_seen(arrays, camera, way, robot).all():
                     return Scenario(world, camera, *_pair(start, goal, rng), seed=seed)
     raise ContractError(f"world {world.name!r}: no camera sees a start, a goal and the way between")
 

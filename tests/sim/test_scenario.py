@@ -70,7 +70,7 @@ def test_demo_keeps_the_tag_large(seed: int) -> None:
     assert 2.5 <= distance(scenario) <= 5.0
     grid = Expert(scenario.world).grid
     places = free_places(grid, np.random.default_rng(seed), count=600)
-    in_view = places[tag_seen(scenario.world, camera, places, scenario.robot)]
+    in_view = places[tag_seen(primitive_arrays(scenario.world.primitives), camera, places, scenario.robot)]
     assert len(in_view) > 0.5 * len(places)
     assert tag_side_px(camera, in_view, scenario.robot).min() >= 20.0
     assert demo_scenario(seed) == scenario

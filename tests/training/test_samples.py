@@ -9,9 +9,15 @@ import pytest
 
 from revnm_client.errors import ConfigError, FileError
 from revnm_client.geometry import Pose2
+from revnm_server.frame import Frame
+from revnm_server.mission import Goal
 from revnm_server.observation import ImagePose, ObservationSpec, crop_around, exo_view, normalise_disparity
+from revnm_server.pipeline import Pipeline
+from revnm_sim.bench.methods.revnm import TrueDisparity, TrueSightings
 from revnm_sim.raycast import cast_depth, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot
+from revnm_sim.scenario import Scenario
+from revnm_sim.simulation import Simulation
 from revnm_sim.world import primitive_arrays
 from revnm_training.augment import Disturbance, draw_error
 from revnm_training.cache import Column, cut_blocks, fill_cache
@@ -74,6 +80,44 @@ def test_an_exact_sample_is_what_the_camera_would_give_the_server(episode) -> No
     goal = camera.floor_point(sample.goal * size)
     assert goal is not None
     np.testing.assert_allclose(goal, episode.goals_m[episode.goal[2]], atol=1e-6)
+
+
+class Watching:
+    """Stands for both networks and keeps what the pipeline shows them."""
+
+    def synthesise(self, requests):
+        (self.to_exo2ego,) = requests
+        return np.zeros((1, SPEC.ego_px, SPEC.ego_px), dtype=np.float32)
+
+    def waypoints(self, requests):
+        (self.to_policy,) = requests
+        return np.zeros((1, SPEC.waypoints, 2))
+
+
+def test_an_exact_sample_is_what_the_pipeline_shows_the_networks() -> None:
+    spec = replace(SPEC, history=1)
+    episode = make_episode(replace(config(), layout=layout_of(spec)), 1)
+    assert episode is not None
+    camera, world = episode.camera, build_world(episode.family, episode.world_seed)
+    size_px = (camera.width_px, camera.height_px)
+    for state in (0, 3, 7):
+        goal_m = episode.goals_m[episode.goal[state]]
+        scenario = Scenario(world, camera, Pose2(*episode.poses[state, -1]), tuple(goal_m), seed=0)
+        clicked, _ = camera.project(np.append(goal_m, 0.0))
+        networks = Watching()
+        with Simulation(scenario, 0) as simulation:
+            sees = {"depth": TrueDisparity(scenario, simulation, spec), "tags": TrueSightings(scenario, simulation)}
+            pipeline = Pipeline(spec, **sees, exo2ego=networks, planner=networks)
+            frame = Frame(np.zeros((*size_px[::-1], 3), dtype=np.uint8), stamp_ns=0, seq=1)
+            pipeline.step(frame, {"rover": Goal("g", tuple(clicked), size_px)})
+        sample = EpisodeRenderer(episode, spec).sample(state, np.random.default_rng(0), None)
+        np.testing.assert_allclose(sample.robot, networks.to_policy.pose.p_rob, atol=1e-6)
+        np.testing.assert_allclose(sample.heading, networks.to_policy.pose.q_rel, atol=1e-5)
+        np.testing.assert_allclose(sample.goal, networks.to_policy.goal, atol=1e-6)
+        # PyBullet keeps poses to about 1e-7 m: a cell on the robot's outline may change sides.
+        for ours, theirs in ((sample.exo, networks.to_policy.exo), (sample.crop, networks.to_exo2ego.crops)):
+            assert ours.shape == theirs.shape
+            assert np.abs(ours - theirs).mean() < 1e-3
 
 
 def test_a_sample_has_the_shapes_and_ranges_of_the_observation(episode) -> None:

@@ -13,7 +13,7 @@ from torch import nn
 from torch.nn import functional
 
 from revnm_client.errors import ConfigError, FileError
-from revnm_training.batches import mirror
+from revnm_training.batches import gather, mirror
 from revnm_training.checkpoint import load_checkpoint
 from revnm_training.preset import TrainConfig
 from revnm_training.train_depth import aligned_abs_rel
@@ -137,8 +137,24 @@ def test_a_run_is_not_overwritten_nor_resumed_as_another(tmp_path) -> None:
         Trainer(LineTask(), network(), CONFIG, settings(tmp_path))
     with pytest.raises(FileError, match="seed 1"):
         Trainer(LineTask(), network(), CONFIG, settings(tmp_path, resume=True, seed=2))
+    with pytest.raises(FileError, match="preset tiny, but asked for huge"):
+        Trainer(LineTask(), network(), CONFIG, settings(tmp_path, resume=True, preset="huge"))
+    with pytest.raises(FileError, match="does not fit the network"):
+        Trainer(LineTask(), nn.Linear(2, 1), CONFIG, settings(tmp_path, resume=True))
+    more = LineTask()
+    more.data = {"train_samples": 31}
+    with pytest.raises(FileError, match=r"data .*30.*, but asked for .*31"):
+        Trainer(more, network(), CONFIG, settings(tmp_path, resume=True))
     with pytest.raises(FileError, match="kind 'policy', expected 'depth'"):
         load_checkpoint(tmp_path / "last.pt", "depth")
+
+
+def test_a_batch_keeps_the_order_that_was_asked_for() -> None:
+    columns = {"x": np.arange(50) * 10, "y": np.arange(100).reshape(50, 2)}
+    index = np.array([7, 3, 42, 0, 9])
+    batch = gather(columns, ("x", "y"), index)
+    assert batch["x"].tolist() == [70, 30, 420, 0, 90]
+    assert batch["y"][:, 0].tolist() == [14, 6, 84, 0, 18]
 
 
 def test_a_truncated_checkpoint_is_refused_by_name(tmp_path) -> None:

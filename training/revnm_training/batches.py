@@ -18,9 +18,11 @@ _NOISE = 0.01
 
 
 def gather(columns: Mapping[str, NDArray[Any]], names: Sequence[str], index: NDArray[np.int64]) -> dict[str, Tensor]:
-    """Copy items of memory-mapped columns into tensors."""
-    order = np.sort(index)  # neighbours in a file are read together
-    return {name: torch.from_numpy(np.ascontiguousarray(columns[name][order])) for name in names}
+    """Copy items of memory-mapped columns into tensors, in the order of ``index``."""
+    order = np.argsort(index)  # neighbours in a file are read together
+    back, ascending = np.argsort(order), index[order]
+    # A batch in file order would give its first half, which the diffusion loss treats apart, to the first worlds.
+    return {name: torch.from_numpy(np.ascontiguousarray(columns[name][ascending])[back]) for name in names}
 
 
 def unit(values: Tensor) -> Tensor:

@@ -19,6 +19,7 @@ from revnm_sim.expert import INSCRIBED_M, CostToGo
 from revnm_sim.occupancy import OccupancyGrid
 from revnm_sim.raycast import visible
 from revnm_sim.robot import RobotSpec
+from revnm_sim.scenario import tag_seen
 from revnm_sim.world import PrimitiveArrays, World, primitive_arrays
 from revnm_training.episodes import StateKind
 
@@ -57,7 +58,7 @@ class Scene:
     def fits(self, points_m: FloatArray) -> NDArray[np.bool_]:
         """Return at which of the points (M, 2) the robot touches nothing and its tag is seen."""
         fits = self.grid.clearance_m(points_m) > INSCRIBED_M
-        fits[fits] = _tag_visible(self.arrays, self.camera, points_m[fits], self.robot)
+        fits[fits] = tag_seen(self.arrays, self.camera, points_m[fits], self.robot)
         return fits
 
 
@@ -144,12 +145,3 @@ def _near_paths(scene: Scene, field: CostToGo, pool_m: FloatArray, count: int, r
     kept = scene.fits(poses[:, :2]) & field.reachable(poses[:, :2])
     kept &= np.hypot(*(poses[:, :2] - field.goal_m).T) > _NEAREST_GOAL_M
     return np.asarray(poses[kept][:count])
-
-
-def _tag_visible(arrays: PrimitiveArrays, camera: Camera, points_m: FloatArray, robot: RobotSpec) -> NDArray[np.bool_]:
-    """Return for which robot places (M, 2) the tag's middle and the circle through its corners are seen."""
-    radius = robot.tag_m / math.sqrt(2.0)
-    ring = radius * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]], dtype=np.float64)
-    spots = points_m[:, None] + ring  # (M, 5, 2)
-    spots = np.concatenate([spots, np.full((*spots.shape[:2], 1), robot.top_m)], axis=2).reshape(-1, 3)
-    return np.asarray(visible(arrays, camera, spots).reshape(-1, len(ring)).all(axis=1))

@@ -157,15 +157,23 @@ class Trainer:
         save_checkpoint(self._path, checkpoint)
 
     def _load(self, checkpoint: Checkpoint) -> None:
-        if (checkpoint.seed, checkpoint.steps) != (self._settings.seed, self._settings.steps):
-            raise FileError(
-                f"{self._path}: seed {checkpoint.seed} and {checkpoint.steps} steps, but asked for "
-                f"{self._settings.seed} and {self._settings.steps}: a resumed run keeps both"
-            )
-        self._network.load_state_dict(checkpoint.network)
-        self._averaged.module.load_state_dict(checkpoint.averaged)
+        settings = self._settings
+        same: dict[str, tuple[Any, Any]] = {
+            "seed": (checkpoint.seed, settings.seed),
+            "steps": (checkpoint.steps, settings.steps),
+            "preset": (checkpoint.preset, settings.preset),
+            "data": (checkpoint.record.get("data"), self._task.data),
+        }
+        for name, (kept, asked) in same.items():
+            if kept != asked:
+                raise FileError(f"{self._path}: {name} {kept}, but asked for {asked}: a resumed run keeps it")
+        try:
+            self._network.load_state_dict(checkpoint.network)
+            self._averaged.module.load_state_dict(checkpoint.averaged)
+            self._optimizer.load_state_dict(checkpoint.optimizer)
+        except (RuntimeError, ValueError) as error:
+            raise FileError(f"{self._path}: does not fit the network: {error}") from error
         self._averaged.n_averaged.fill_(checkpoint.step)
-        self._optimizer.load_state_dict(checkpoint.optimizer)
         self._step, self._record = checkpoint.step, dict(checkpoint.record)
 
     def _train_step(self, bar: Any) -> None:

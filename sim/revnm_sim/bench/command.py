@@ -12,9 +12,9 @@ from tqdm import tqdm
 
 from revnm_client.errors import ConfigError
 from revnm_server.bundle import default_bundle_path, file_sha256
-from revnm_server.manifest import MANIFEST
+from revnm_server.manifest import MANIFEST, read_manifest
 from revnm_sim.bench.journal import Journal
-from revnm_sim.bench.methods import METHODS
+from revnm_sim.bench.methods import METHODS, WITH_MODELS
 from revnm_sim.bench.metrics import rows
 from revnm_sim.bench.report import table, write_report
 from revnm_sim.bench.trial import TrialKey, TrialResult, run_trial
@@ -54,19 +54,26 @@ def trial_keys(args: argparse.Namespace) -> list[TrialKey]:
 
     Raises:
         ConfigError: A world or method is unknown, or a count is not positive.
+        FileError: A method needs the bundle, and its manifest is missing or malformed.
     """
     worlds = _names(args.world, WORLDS, "world")
     methods = _names(args.method, METHODS, "method")
     for name in ("trials", "jobs"):
         if getattr(args, name) < 1:
             raise ConfigError(f"--{name} {getattr(args, name)}: expected 1 or more")
-    manifest_sha256 = file_sha256(args.bundle / MANIFEST)
+    bundles = {method: _bundle(args.bundle) if method in WITH_MODELS else ("", "") for method in methods}
     return [
-        TrialKey(world, method, args.perception, args.seed, index, str(args.bundle), manifest_sha256)
+        TrialKey(world, method, args.perception, args.seed, index, *bundles[method])
         for world in worlds
         for method in methods
         for index in range(args.trials)
     ]
+
+
+def _bundle(folder: Path) -> tuple[str, str]:
+    """Return a bundle's folder and the sha256 of its manifest."""
+    read_manifest(folder)
+    return str(folder), file_sha256(folder / MANIFEST)
 
 
 def _run_trials(keys: Sequence[TrialKey], jobs: int) -> Iterator[tuple[TrialKey, TrialResult]]:
@@ -80,7 +87,7 @@ def _keyed(key: TrialKey) -> tuple[TrialKey, TrialResult]:
 
 def _names(text: str, known: Iterable[str], option: str) -> list[str]:
     choices = list(known)
-    names = text.split(",")
+    names = list(dict.fromkeys(text.split(",")))
     for name in names:
         if name not in choices:
             raise ConfigError(f"--{option} {name}: expected one of {', '.join(choices)}")
@@ -91,4 +98,5 @@ def _options(args: argparse.Namespace) -> list[str]:
     names = ["world", "method", "perception", "trials", "seed", "jobs"]
     if args.bundle != default_bundle_path():
         names.append("bundle")
+    names.append("out")
     return [word for name in names for word in (f"--{name}", str(getattr(args, name)))]

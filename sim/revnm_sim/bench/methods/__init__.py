@@ -14,4 +14,7 @@ METHODS: MappingProxyType[str, Callable[[MethodContext], Method]] = MappingProxy
     {"revnm": RevnmMethod, "straight": StraightMethod, "expert": ExpertMethod}
 )
 
-__all__ = ["METHODS", "Method", "MethodContext", "Perception"]
+WITH_MODELS = frozenset({"revnm"})
+"""The methods that load a model bundle."""
+
+__all__ = ["METHODS", "WITH_MODELS", "Method", "MethodContext", "Perception"]

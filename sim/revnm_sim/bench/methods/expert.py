@@ -13,6 +13,9 @@ class ExpertMethod:
     def __init__(self, context: MethodContext) -> None:
         self._context = context
 
+    def look(self) -> None:
+        """Do nothing: the truth needs no picture."""
+
     def waypoints(self) -> FloatArray | None:
         """Return points on the expert's way; None where there is none."""
         pose = self._context.simulation.true_pose

@@ -38,6 +38,10 @@ class MethodContext:
 class Method(Protocol):
     """Tells the robot where to go."""
 
+    def look(self) -> None:
+        """Take the picture of this moment; the simulator's work, so its time is no part of a tick's."""
+        ...
+
     def waypoints(self) -> FloatArray | None:
         """Return the waypoints (H, 2) as of now, metres, in the robot's frame; None for no plan."""
         ...

@@ -1,7 +1,8 @@
 """ReVNM: the server's own pipeline with the models of a bundle.
 
 The robot's pose in the picture comes from the simulator, as in the paper: at 640×480 and 120° no tag can be read. A
-hidden robot keeps its last pose. With perception ``truth`` the exo disparity comes from the simulator too.
+hidden robot keeps its last pose for as long as it is hidden, as in the paper; the live server gives no plan after a
+second. With perception ``truth`` the exo disparity comes from the simulator too.
 """
 
 from __future__ import annotations
@@ -48,12 +49,13 @@ class TrueSightings:
 
     def __init__(self, scenario: Scenario, simulation: Simulation) -> None:
         self._scenario, self._simulation = scenario, simulation
+        self._arrays = primitive_arrays(scenario.world.primitives)
 
     def sightings(self, frame: Frame) -> list[RobotSighting]:
         """Return the robot, or nothing while it is hidden."""
         pose, scenario = self._simulation.true_pose, self._scenario
         place = np.array([[pose.x_m, pose.y_m]])
-        if not tag_seen(scenario.world, scenario.camera, place, scenario.robot)[0]:
+        if not tag_seen(self._arrays, scenario.camera, place, scenario.robot)[0]:
             return []
         return [see_robot(scenario.camera, pose, scenario.robot, robot=_ROBOT, stamp_ns=frame.stamp_ns)]
 
@@ -93,21 +95,25 @@ class RevnmMethod:
             max_sighting_age_s=float("inf"),
         )
         camera = scenario.camera
-        self._blank = np.zeros((camera.height_px, camera.width_px, 3), dtype=np.uint8)
+        self._image = np.zeros((camera.height_px, camera.width_px, 3), dtype=np.uint8)
         pixel, _ = camera.project(np.array([*scenario.goal_m, 0.0]))
         goal = (float(pixel[0]) / camera.width_px, float(pixel[1]) / camera.height_px)
         self._goals = {_ROBOT: PixelGoal("goal", goal)}
         self._seq = 0
         self._odom_at: dict[int, Pose2] = {}
 
+    def look(self) -> None:
+        """Render the picture, where depth comes from it."""
+        if self._rendered:
+            self._image = self._simulation.picture()
+
     def waypoints(self) -> FloatArray | None:
         """Return the policy's waypoints; those of a hidden robot are carried on by its odometry."""
         now_ns = self._simulation.time_ns
-        image = self._simulation.picture() if self._rendered else self._blank
         self._seq += 1
         odom_from_robot = self._simulation.odometry().odom_from_robot
         self._odom_at[now_ns] = odom_from_robot
-        plans = self._pipeline.step(Frame(image, now_ns, self._seq), self._goals).plans
+        plans = self._pipeline.step(Frame(self._image, now_ns, self._seq), self._goals).plans
         if not plans:
             return None
         seen = self._odom_at[plans[0].stamp_ns]

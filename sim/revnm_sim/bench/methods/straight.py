@@ -14,6 +14,9 @@ class StraightMethod:
     def __init__(self, context: MethodContext) -> None:
         self._context = context
 
+    def look(self) -> None:
+        """Do nothing: the truth needs no picture."""
+
     def waypoints(self) -> FloatArray | None:
         """Return points on the straight way to the goal; those beyond it are at the goal."""
         pose = self._context.simulation.true_pose

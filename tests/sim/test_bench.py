@@ -1,0 +1,262 @@
+"""The benchmark: rows by hand, a journal that survives a power cut, trials that repeat, the command end to end."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.server.tiny_bundle import SPACING_M, WAYPOINTS, write_tiny_bundle
+
+from revnm_client.errors import ConfigError, FileError
+from revnm_client.geometry import Pose2
+from revnm_client.messages import Velocity
+from revnm_sim.bench.journal import Journal
+from revnm_sim.bench.methods import METHODS, MethodContext, Perception
+from revnm_sim.bench.metrics import rows, spl
+from revnm_sim.bench.report import table
+from revnm_sim.bench.trial import GOAL_RADIUS_M, Trial, TrialKey, TrialResult, run_trial
+from revnm_sim.camera import Camera
+from revnm_sim.cli import main
+from revnm_sim.expert import Expert
+from revnm_sim.scenario import Scenario
+from revnm_sim.simulation import Simulation
+from revnm_sim.world import Bounds, Primitive, Shape, World
+
+GREY = (150, 150, 150)
+KEY = TrialKey("random_pillar", "straight", "truth", 1000, 0, "", "")
+ARRIVED = TrialResult(
+    success=True,
+    collision=False,
+    timeout=False,
+    duration_s=20.0,
+    path_m=10.0,
+    expert_m=8.0,
+    closest_m=0.2,
+    blocked=True,
+    tick_p50_ms=4.0,
+    robot_tick_p50_ms=2.0,
+)
+TOUCHED = replace(ARRIVED, success=False, collision=True, duration_s=5.0, path_m=2.0)
+LATE = replace(ARRIVED, success=False, timeout=True, duration_s=60.0, blocked=False, tick_p50_ms=10.0)
+
+
+def scenario(*primitives: Primitive, yaw_rad: float = 0.0) -> Scenario:
+    """A room of 8 × 6 m seen from straight above, from (−1, 0) to (1, 0.5)."""
+    above = Camera(640, 480, math.radians(90.0), (0.0, 0.0, 4.0), 0.0, math.pi / 2.0)
+    world = World("room", Bounds(-4.0, -3.0, 4.0, 3.0), GREY, primitives)
+    return Scenario(world, above, Pose2(-1.0, 0.0, yaw_rad), (1.0, 0.5), seed=7)
+
+
+def without_times(result: TrialResult) -> TrialResult:
+    return replace(result, tick_p50_ms=0.0, robot_tick_p50_ms=0.0)
+
+
+# Rows.
+
+
+def test_spl_by_hand() -> None:
+    # Success 8 / 10; contact and timeout 0; a path that is shorter than the expert's counts as 1.
+    short = replace(ARRIVED, path_m=7.0)
+    assert spl([ARRIVED]) == pytest.approx(0.8)
+    assert spl([ARRIVED, TOUCHED, LATE, short]) == pytest.approx((0.8 + 0.0 + 0.0 + 1.0) / 4.0)
+
+
+def test_rows_by_hand_one_for_each_world_method_and_perception() -> None:
+    expert = replace(KEY, method="expert")
+    results = {
+        KEY: ARRIVED,
+        replace(KEY, index=1): TOUCHED,
+        replace(KEY, index=2): LATE,
+        expert: LATE,
+        replace(KEY, perception="models"): ARRIVED,
+    }
+    first, second, third = rows(results)
+    assert first == {
+        "world": "random_pillar",
+        "method": "straight",
+        "perception": "truth",
+        "trials": 3,
+        "success_rate": 0.3333,
+        "spl": 0.2667,  # 0.8 / 3
+        "collisions": 1,
+        "timeouts": 1,
+        "blocked_rate": 0.6667,
+        "mean_success_s": 20.0,
+        "p50_tick_ms": 4.0,  # of 4, 4 and 10
+        "p50_robot_tick_ms": 2.0,
+    }
+    assert (second["method"], second["trials"], second["mean_success_s"]) == ("expert", 1, None)
+    assert (third["perception"], third["success_rate"]) == ("models", 1.0)
+
+
+def test_table_has_a_line_for_every_row_and_nothing_for_none() -> None:
+    lines = table(rows({KEY: ARRIVED, replace(KEY, method="expert"): LATE})).splitlines()
+    assert len({len(line) for line in lines}) == 1
+    assert lines[0].split()[1:6] == ["world", "|", "method", "|", "perception"]
+    assert [line.split("|")[2].strip() for line in lines[2:]] == ["straight", "expert"]
+    assert lines[3].split("|")[10].strip() == ""  # no time of success
+    assert table([]) == ""
+
+
+# Journal.
+
+
+def test_a_journal_gives_back_what_was_added(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "trials.jsonl")
+    journal.add(KEY, ARRIVED)
+    journal.add(replace(KEY, index=1), TOUCHED)
+    assert Journal(tmp_path / "trials.jsonl").results == {KEY: ARRIVED, replace(KEY, index=1): TOUCHED}
+
+
+def test_a_line_that_was_cut_short_is_dropped_and_the_file_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "trials.jsonl"
+    journal = Journal(path)
+    journal.add(KEY, ARRIVED)
+    journal.add(replace(KEY, index=1), TOUCHED)
+    path.write_bytes(path.read_bytes()[:-9])
+    again = Journal(path)
+    assert again.results == {KEY: ARRIVED}
+    again.add(replace(KEY, index=2), LATE)
+    assert Journal(path).results == {KEY: ARRIVED, replace(KEY, index=2): LATE}
+
+
+@pytest.mark.parametrize("line", ["hello", "3", "{}", '{"key": {"moon": 1}, "result": {}}', '{"key": [], "result": 1}'])
+def test_a_foreign_line_is_refused_by_its_number(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "trials.jsonl"
+    Journal(path).add(KEY, ARRIVED)
+    path.write_text(path.read_text() + line + "\n")
+    with pytest.raises(FileError, match=r"trials\.jsonl: line 2: no finished trial"):
+        Journal(path)
+    assert path.read_text().splitlines()[1] == line  # nothing was changed
+
+
+# Trials.
+
+
+@pytest.mark.parametrize("method", ["straight", "expert"])
+def test_a_free_way_is_driven_straight_and_the_same_every_time(method: str) -> None:
+    key = replace(KEY, method=method)
+    result = Trial(scenario(yaw_rad=0.5), key).run()
+    assert (result.success, result.collision, result.timeout, result.blocked) == (True, False, False, False)
+    straight_m = math.hypot(2.0, 0.5)
+    assert result.expert_m == pytest.approx(straight_m, abs=0.02)
+    assert straight_m - GOAL_RADIUS_M - 0.05 < result.path_m < straight_m
+    assert straight_m / 0.5 - 1.5 < result.duration_s < 8.0  # 0.5 m/s, some of it to speed up and turn
+    assert without_times(Trial(scenario(yaw_rad=0.5), key).run()) == without_times(result)
+
+
+def test_equal_keys_give_equal_trials_of_a_world_and_methods_share_it() -> None:
+    first, again = run_trial(KEY), run_trial(KEY)
+    assert without_times(first) == without_times(again)
+    expert = run_trial(replace(KEY, method="expert"))
+    assert (expert.expert_m, expert.blocked) == (first.expert_m, first.blocked) == (first.expert_m, True)
+    assert expert.success
+
+
+def test_a_touch_ends_the_trial_as_a_collision() -> None:
+    # A beam under the LiDAR and not seen by it, across the way, its face 0.5 m ahead of the start: the body's
+    # front (0.215 m) meets it after 0.285 m.
+    beam = Primitive(Shape.BOX, (-0.4, 0.0, 0.05), (0.2, 4.0, 0.1), 0.0, GREY)
+    result = Trial(scenario(beam), KEY).run()
+    assert (result.success, result.collision, result.timeout, result.blocked) == (False, True, False, True)
+    assert result.path_m == pytest.approx(0.285, abs=0.05)
+    assert result.closest_m <= 0.02
+    assert result.duration_s < 5.0
+
+
+# ReVNM in a trial.
+
+
+@pytest.mark.parametrize("perception", ["truth", "models"])
+def test_revnm_drives_where_the_policy_of_the_bundle_points(tmp_path: Path, perception: Perception) -> None:
+    bundle = write_tiny_bundle(tmp_path / "tiny", steer="goal")
+    key = replace(KEY, method="revnm", perception=perception, bundle=str(bundle))
+    result = Trial(scenario(yaw_rad=0.5), key).run()
+    assert result.success
+    assert result.path_m < math.hypot(2.0, 0.5)
+    assert without_times(Trial(scenario(yaw_rad=0.5), key).run()) == without_times(result)
+
+
+def test_a_robot_that_was_never_seen_gets_no_plan_and_is_late(tmp_path: Path) -> None:
+    roof = Primitive(Shape.BOX, (-1.0, 0.0, 1.5), (1.0, 1.0, 0.1), 0.0, GREY)
+    bundle = write_tiny_bundle(tmp_path / "tiny", steer="ahead")
+    result = Trial(scenario(roof), replace(KEY, method="revnm", bundle=str(bundle))).run()
+    assert (result.success, result.collision, result.timeout) == (False, False, True)
+    assert result.duration_s == 60.0
+    assert result.path_m < 0.01
+
+
+def test_the_plan_of_a_hidden_robot_stays_where_it_was(tmp_path: Path) -> None:
+    # Seen at x = −1, then it drives under the roof; the plan points ahead from where it was seen last.
+    roof = Primitive(Shape.BOX, (0.5, 0.0, 1.5), (1.6, 1.6, 0.1), 0.0, GREY)
+    place = scenario(roof)
+    bundle = write_tiny_bundle(tmp_path / "tiny", steer="ahead")
+    ahead = np.column_stack([SPACING_M * np.arange(1, WAYPOINTS + 1), np.zeros(WAYPOINTS)])
+    with Simulation(place, place.seed) as simulation:
+        field = Expert(place.world).field(place.goal_m)
+        method = METHODS["revnm"](MethodContext(place, simulation, field, "truth", str(bundle)))
+        np.testing.assert_allclose(method.waypoints(), ahead, atol=1e-6)
+        for _ in range(60):  # 3 s, about 1.2 m, without a look on the way
+            simulation.command(Velocity(0.5, 0.0))
+            simulation.advance(0.05)
+        moved_m = simulation.true_pose.x_m + 1.0
+        assert 1.0 < moved_m < 1.5
+        # Carried on by odometry, whose scale errs by 4 % at most and its heading by 0.04 rad a metre.
+        np.testing.assert_allclose(method.waypoints(), ahead - [moved_m, 0.0], atol=0.08)
+
+
+# The command.
+
+
+def bench(out: Path, *words: str) -> int:
+    return main(["bench", "--out", str(out), "--jobs", "1", *words])
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["--world", "moon"], "--world moon: expected one of"),
+        (["--method", "straight,fly"], "--method fly: expected one of"),
+        (["--method", "straight", "--trials", "0"], "--trials 0: expected 1 or more"),
+        (["--method", "revnm", "--bundle", "nowhere"], "manifest.json: missing"),
+    ],
+)
+def test_wrong_options_are_told_and_nothing_is_run(
+    tmp_path: Path, words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert bench(tmp_path / "out", *words) == 2
+    assert complaint in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_world_is_a_config_error() -> None:
+    with pytest.raises(ConfigError, match="'moon'"):
+        run_trial(replace(KEY, world="moon"))
+
+
+def test_the_command_reports_prints_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--world", "random_pillar", "--method", "straight,expert", "--seed", "4")
+    assert bench(tmp_path, *words, "--trials", "1") == 0
+    first = (tmp_path / "trials.jsonl").read_text()
+    assert len(first.splitlines()) == 2
+
+    assert bench(tmp_path, *words, "--trials", "2") == 0
+    journal = (tmp_path / "trials.jsonl").read_text()
+    assert journal.startswith(first)  # the finished trials were not run again
+    assert len(journal.splitlines()) == 4
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert {"rows", "command", "versions", "machine"} == set(report)
+    assert report["command"].startswith("revnm-sim bench --world random_pillar --method straight,expert")
+    fixed = {"world", "method", "trials", "success_rate", "spl", "collisions", "timeouts", "p50_tick_ms"}
+    straight, expert = report["rows"]
+    for row, method in ((straight, "straight"), (expert, "expert")):
+        assert fixed <= set(row)
+        assert (row["world"], row["method"], row["trials"], row["blocked_rate"]) == ("random_pillar", method, 2, 1.0)
+        assert 0.0 <= row["spl"] <= row["success_rate"] <= 1.0
+    assert expert["success_rate"] == 1.0
+    printed = capsys.readouterr().out
+    assert "| random_pillar | expert" in printed
