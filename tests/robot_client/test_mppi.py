@@ -162,3 +162,14 @@ def test_full_speed_towards_a_wall_is_never_wanted() -> None:
     for _ in range(5):
         velocity = mppi.plan(MppiInput(AHEAD, wall, STANDSTILL))
     assert velocity.v_mps < 0.06
+
+
+def test_turns_beside_a_wall_that_its_corners_just_clear() -> None:
+    # The corners reach 0.28 m, the wall is 0.32 m away; the covering circles would reach 0.3175 m.
+    wall = np.column_stack([np.linspace(-1.5, 1.5, 150), np.full(150, -0.32)])
+    behind = np.column_stack([-0.4 * np.arange(1, 6), np.full(5, 0.15)])
+    mppi, velocity = Mppi(MppiConfig(), seed=0), STANDSTILL
+    for _ in range(20):
+        velocity = mppi.plan(MppiInput(behind, wall, velocity))
+    assert abs(velocity.w_radps) == pytest.approx(0.7)
+    assert velocity.v_mps == 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from revnm_client.errors import ConfigError
@@ -22,6 +23,11 @@ class Footprint:
     width_m: float = 0.36
     circle_radius_m: float = 0.21
     circle_offset_m: float = 0.1075
+
+    @property
+    def circumscribed_m(self) -> float:
+        """Radius of the circle about the robot's middle that the body stays in when it turns."""
+        return math.hypot(self.length_m, self.width_m) / 2.0
 
     def __post_init__(self) -> None:
         far = self.length_m / 2.0 - self.circle_offset_m

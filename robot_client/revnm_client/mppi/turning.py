@@ -53,10 +53,10 @@ class TurnFirst:
         return Velocity(0.0, min(max(wanted, now.w_radps - step), now.w_radps + step))
 
     def _is_free(self, ahead: FloatArray, field: DistanceField) -> bool:
-        """Whether the robot could drive straight to the point once it has turned."""
-        fraction = np.linspace(0.0, 1.0, 6, dtype=np.float32)[1:]
+        """Whether the robot could drive straight to the point once it has turned, or at least get no nearer."""
+        fraction = np.linspace(0.0, 1.0, 6, dtype=np.float32)
         distance = field.at(fraction * np.float32(ahead[0]), fraction * np.float32(ahead[1]))
-        return bool(distance.min() > self._config.footprint.circle_radius_m)
+        return bool(distance[1:].min() > min(self._config.footprint.width_m / 2.0, float(distance[0])))
 
     def _choose(self, bearing: float, field: DistanceField) -> float:
         """Return the turn's sign: as before, else the short way, else the long; 0 if neither is free."""
@@ -69,7 +69,12 @@ class TurnFirst:
         return 0.0
 
     def _may_sweep(self, angle_rad: float, field: DistanceField) -> bool:
+        """Whether the body can turn by the angle; the covering circles reach farther out than its corners do."""
         footprint = self._config.footprint
+        middle = np.zeros(1, dtype=np.float32)
+        cell_m = self._config.field_resolution_m
+        if float(field.at(middle, middle)[0]) > footprint.circumscribed_m + cell_m / 2.0:
+            return True
         angles = np.linspace(0.0, angle_rad, 13, dtype=np.float32)
         x = np.float32(footprint.circle_offset_m) * np.cos(angles)
         y = np.float32(footprint.circle_offset_m) * np.sin(angles)
