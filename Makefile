@@ -34,9 +34,9 @@ test-slow: $(VENV)/dev.stamp
 
 train: $(VENV)/dev.stamp
 	$(TRAIN) synth --episodes 5000 --out data/edge --jobs $(JOBS)
-	$(TRAIN) depth --cache data/pictures --out runs/depth --pictures 10000 --steps 1500 --resume
+	$(TRAIN) depth --cache data/pictures --out runs/depth --pictures 10000 --steps 1100 --resume
 	$(TRAIN) exo2ego --data data/edge --cache data/samples --out runs/exo2ego --steps 1300 --resume
-	$(TRAIN) policy --data data/edge --cache data/samples --exo2ego runs/exo2ego/last.pt --out runs/policy --steps 2000 --resume
+	$(TRAIN) policy --data data/edge --cache data/samples --exo2ego runs/exo2ego/last.pt --out runs/policy --steps 1600 --resume
 	$(TRAIN) export --depth runs/depth/last.pt --exo2ego runs/exo2ego/last.pt --policy runs/policy/last.pt --out runs/edge
 
 clean:

@@ -7,16 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from revnm_client.geometry import FloatArray
 from revnm_client.json_payload import Scalar
 from revnm_server.frame import RobotSighting
+from revnm_server.tag_plane import TagPlane
 
 _TIMINGS_KEPT = 200
 _FARTHEST_PX = 20_000.0
-_SMALLEST_DEPTH = 0.05
 
 Pair = tuple[float, float]
 
@@ -143,12 +142,6 @@ def path_in_picture(waypoints_m: FloatArray, sighting: RobotSighting, *, tag_siz
     Returns:
         (K, 2) pixels, K <= H: the path ends where it would leave the plane's visible side.
     """
-    half = 0.5 * tag_size_m
-    corners_m = np.array([[half, half], [half, -half], [-half, -half], [-half, half]], dtype=np.float32)
-    homography = cv2.getPerspectiveTransform(corners_m, sighting.corners.astype(np.float32))
-    points = np.column_stack([waypoints_m, np.ones(len(waypoints_m))]) @ homography.T  # (H, 3)
-    depth = points[:, 2] / homography[2, 2]
-    seen = np.logical_and.accumulate(depth > _SMALLEST_DEPTH)
-    pixels = points[seen, :2] / points[seen, 2:]
-    near = np.logical_and.accumulate(np.all(np.abs(pixels) < _FARTHEST_PX, axis=1))
-    return np.asarray(pixels[near], dtype=np.float64)
+    pixels, visible = TagPlane(sighting, tag_size_m=tag_size_m).project(waypoints_m)
+    near = visible & np.all(np.abs(pixels) < _FARTHEST_PX, axis=1)
+    return np.asarray(pixels[np.logical_and.accumulate(near)], dtype=np.float64)

@@ -9,19 +9,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.server.tiny_bundle import SPACING_M, WAYPOINTS, write_tiny_bundle
+from tests.server.tiny_bundle import write_tiny_bundle
 
 from revnm_client.errors import ConfigError, FileError
 from revnm_client.geometry import Pose2
 from revnm_client.messages import Velocity
+from revnm_server.frame import Frame
 from revnm_sim.bench.journal import Journal
-from revnm_sim.bench.methods import METHODS, MethodContext, Perception
+from revnm_sim.bench.methods import Perception
+from revnm_sim.bench.methods.revnm import TrueSightings
 from revnm_sim.bench.metrics import rows, spl
 from revnm_sim.bench.report import table
 from revnm_sim.bench.trial import GOAL_RADIUS_M, Trial, TrialKey, TrialResult, run_trial
 from revnm_sim.camera import Camera
 from revnm_sim.cli import main
-from revnm_sim.expert import Expert
+from revnm_sim.robot import see_robot
 from revnm_sim.scenario import Scenario
 from revnm_sim.simulation import Simulation
 from revnm_sim.world import Bounds, Primitive, Shape, World
@@ -190,23 +192,25 @@ def test_a_robot_that_was_never_seen_gets_no_plan_and_is_late(tmp_path: Path) ->
     assert result.path_m < 0.01
 
 
-def test_the_plan_of_a_hidden_robot_stays_where_it_was(tmp_path: Path) -> None:
-    # Seen at x = −1, then it drives under the roof; the plan points ahead from where it was seen last.
+def test_a_hidden_robot_is_carried_on_by_its_odometry() -> None:
+    # Seen at x = −1, then it drives under the roof.
     roof = Primitive(Shape.BOX, (0.5, 0.0, 1.5), (1.6, 1.6, 0.1), 0.0, GREY)
     place = scenario(roof)
-    bundle = write_tiny_bundle(tmp_path / "tiny", steer="ahead")
-    ahead = np.column_stack([SPACING_M * np.arange(1, WAYPOINTS + 1), np.zeros(WAYPOINTS)])
     with Simulation(place, place.seed) as simulation:
-        field = Expert(place.world).field(place.goal_m)
-        method = METHODS["revnm"](MethodContext(place, simulation, field, "truth", str(bundle)))
-        np.testing.assert_allclose(method.waypoints(), ahead, atol=1e-6)
+        source = TrueSightings(place, simulation)
+        picture = np.zeros((48, 64, 3), dtype=np.uint8)
+        assert len(source.sightings(Frame(picture, 1, 1))) == 1
         for _ in range(60):  # 3 s, about 1.2 m, without a look on the way
             simulation.command(Velocity(0.5, 0.0))
             simulation.advance(0.05)
-        moved_m = simulation.true_pose.x_m + 1.0
-        assert 1.0 < moved_m < 1.5
-        # Carried on by odometry, whose scale errs by 4 % at most and its heading by 0.04 rad a metre.
-        np.testing.assert_allclose(method.waypoints(), ahead - [moved_m, 0.0], atol=0.08)
+        assert 0.0 < simulation.true_pose.x_m < 0.5
+        (carried,) = source.sightings(Frame(picture, 2, 2))
+        true = see_robot(place.camera, simulation.true_pose, place.robot, robot="rover", stamp_ns=2)
+        metre_px = np.linalg.norm(true.corners[0] - true.corners[1]) / place.robot.tag_m
+        # Odometry's scale errs by 4 % at most and its heading by 0.04 rad a metre.
+        assert np.linalg.norm(carried.pixel - true.pixel) < 0.08 * metre_px
+        assert carried.heading @ true.heading > 0.99
+        assert not np.array_equal(carried.pixel, true.pixel)
 
 
 # The command.

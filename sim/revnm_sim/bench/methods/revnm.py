@@ -1,8 +1,9 @@
 """ReVNM: the server's own pipeline with the models of a bundle.
 
 The robot's pose in the picture comes from the simulator, as in the paper: at 640×480 and 120° no tag can be read. A
-hidden robot keeps its last pose for as long as it is hidden, as in the paper; the live server gives no plan after a
-second. With perception ``truth`` the exo disparity comes from the simulator too.
+hidden robot keeps its last pose (paper, section V-A), moved on by its odometry through the plane of its tag; the live
+server does not yet know the odometry, and gives no plan after a second. With perception ``truth`` the exo disparity
+comes from the simulator too.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from revnm_server.frame import Frame, RobotSighting
 from revnm_server.observation import Image32, ObservationSpec
 from revnm_server.pipeline import Pipeline
 from revnm_server.policy import OnnxPolicy
+from revnm_server.tag_plane import TagPlane
 from revnm_sim.bench.methods.method import MethodContext
 from revnm_sim.raycast import cast_depth, disparity_from_depth, overlay_depth, robot_primitive
 from revnm_sim.robot import see_robot
@@ -45,19 +47,27 @@ class TrueDisparity:
 
 
 class TrueSightings:
-    """The robot's exact pose in the picture while the camera sees its tag."""
+    """The robot's exact pose in the picture while the camera sees its tag; hidden, the last one moved by odometry."""
 
     def __init__(self, scenario: Scenario, simulation: Simulation) -> None:
         self._scenario, self._simulation = scenario, simulation
         self._arrays = primitive_arrays(scenario.world.primitives)
+        self._last: tuple[TagPlane, Pose2] | None = None
 
     def sightings(self, frame: Frame) -> list[RobotSighting]:
-        """Return the robot, or nothing while it is hidden."""
+        """Return the robot; nothing before it was seen first, or where odometry would lead it out of sight."""
         pose, scenario = self._simulation.true_pose, self._scenario
+        odom_from_robot = self._simulation.odometry().odom_from_robot
         place = np.array([[pose.x_m, pose.y_m]])
-        if not tag_seen(self._arrays, scenario.camera, place, scenario.robot)[0]:
+        if tag_seen(self._arrays, scenario.camera, place, scenario.robot)[0]:
+            seen = see_robot(scenario.camera, pose, scenario.robot, robot=_ROBOT, stamp_ns=frame.stamp_ns)
+            self._last = TagPlane(seen, tag_size_m=scenario.robot.tag_m), odom_from_robot
+            return [seen]
+        if self._last is None:
             return []
-        return [see_robot(scenario.camera, pose, scenario.robot, robot=_ROBOT, stamp_ns=frame.stamp_ns)]
+        plane, odom_from_seen = self._last
+        carried = plane.carry(odom_from_seen.inverse() @ odom_from_robot, stamp_ns=frame.stamp_ns)
+        return [] if carried is None else [carried]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +110,6 @@ class RevnmMethod:
         goal = (float(pixel[0]) / camera.width_px, float(pixel[1]) / camera.height_px)
         self._goals = {_ROBOT: PixelGoal("goal", goal)}
         self._seq = 0
-        self._odom_at: dict[int, Pose2] = {}
 
     def look(self) -> None:
         """Render the picture, where depth comes from it."""
@@ -108,13 +117,8 @@ class RevnmMethod:
             self._image = self._simulation.picture()
 
     def waypoints(self) -> FloatArray | None:
-        """Return the policy's waypoints; those of a hidden robot are carried on by its odometry."""
+        """Return the policy's waypoints; None while nobody knows where the robot is."""
         now_ns = self._simulation.time_ns
         self._seq += 1
-        odom_from_robot = self._simulation.odometry().odom_from_robot
-        self._odom_at[now_ns] = odom_from_robot
         plans = self._pipeline.step(Frame(self._image, now_ns, self._seq), self._goals).plans
-        if not plans:
-            return None
-        seen = self._odom_at[plans[0].stamp_ns]
-        return (odom_from_robot.inverse() @ seen).apply(plans[0].waypoints_m)
+        return plans[0].waypoints_m if plans and plans[0].stamp_ns == now_ns else None

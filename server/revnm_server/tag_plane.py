@@ -1,0 +1,64 @@
+"""The plane of a robot's tag: where places around the robot lie in the picture, without any calibration.
+
+The tag's four corners, whose places on the robot are known, fix the homography from the robot's surroundings at the
+tag's height to the picture. Exact corners give exact places; with corners a fraction of a pixel wrong the error grows
+with the distance in tag sizes, so far places need a calibration. Imports numpy and OpenCV only.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from revnm_client.geometry import FloatArray, Pose2
+from revnm_server.frame import RobotSighting
+
+_SMALLEST_DEPTH = 0.05  # of the tag's own: what lies nearer to the horizon is not drawn
+_FORWARD_M = 1e-3
+
+
+class TagPlane:
+    """The homography of one sighting."""
+
+    def __init__(self, sighting: RobotSighting, *, tag_size_m: float) -> None:
+        """Fix the plane.
+
+        Args:
+            sighting: Where the tag's corners are.
+            tag_size_m: Side of the tag's black border.
+        """
+        self._sighting = sighting
+        half = 0.5 * tag_size_m
+        self._corners_m = np.array([[half, half], [half, -half], [-half, -half], [-half, half]])
+        self._picture_from_robot = cv2.getPerspectiveTransform(
+            self._corners_m.astype(np.float32), sighting.corners.astype(np.float32)
+        )
+
+    def project(self, points_m: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Project points (M, 2), metres, in the robot's frame at the sighting.
+
+        Returns:
+            Pixels (M, 2), and which of them (M,) lie on the plane's visible side; the others are meaningless.
+        """
+        points = np.column_stack([points_m, np.ones(len(points_m))]) @ self._picture_from_robot.T  # (M, 3)
+        visible = points[:, 2] / self._picture_from_robot[2, 2] > _SMALLEST_DEPTH
+        depth = np.where(visible, points[:, 2], 1.0)
+        return np.asarray(points[:, :2] / depth[:, None]), np.asarray(visible)
+
+    def carry(self, seen_from_now: Pose2, *, stamp_ns: int) -> RobotSighting | None:
+        """Return where a robot that is hidden now would be seen, by its odometry since the sighting.
+
+        Args:
+            seen_from_now: The robot's pose now in its frame at the sighting.
+            stamp_ns: Time of the new sighting.
+
+        Returns:
+            The sighting, or None where the robot would be on the plane's other side.
+        """
+        middle = np.array([[0.0, 0.0], [_FORWARD_M, 0.0]])
+        pixels, visible = self.project(seen_from_now.apply(np.concatenate([middle, self._corners_m])))
+        if not visible.all():
+            return None
+        step = pixels[1] - pixels[0]
+        return RobotSighting(self._sighting.robot, stamp_ns, pixels[0], step / np.linalg.norm(step), pixels[2:])

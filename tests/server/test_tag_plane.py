@@ -1,0 +1,60 @@
+"""The plane of a tag: exact where its corners are exact, checked against a pinhole camera."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from revnm_client.geometry import Pose2
+from revnm_server.frame import RobotSighting
+from revnm_server.tag_plane import TagPlane
+
+TAG_M = 0.3
+HALF = TAG_M / 2.0
+
+
+def pinhole(points_m: np.ndarray) -> np.ndarray:
+    """A camera of focal length 400 px, 3 m over the tag's plane, 30° down, that looks along world x."""
+    pitch = math.radians(30.0)
+    depth = points_m[:, 0] * math.cos(pitch) + 3.0 * math.sin(pitch)
+    down = 3.0 * math.cos(pitch) - points_m[:, 0] * math.sin(pitch)
+    return np.stack([320.0 - 400.0 * points_m[:, 1] / depth, 240.0 + 400.0 * down / depth], axis=1)
+
+
+def sighting(world_from_robot: Pose2) -> RobotSighting:
+    corners = np.array([[HALF, HALF], [HALF, -HALF], [-HALF, -HALF], [-HALF, HALF]])
+    places = np.concatenate([[[0.0, 0.0], [1e-4, 0.0]], corners])
+    pixels = pinhole(world_from_robot.apply(places))
+    step = pixels[1] - pixels[0]
+    return RobotSighting("rover", 1, pixels[0], step / np.linalg.norm(step), pixels[2:])
+
+
+SEEN_AT = Pose2(4.0, 0.5, 1.0)
+
+
+def test_points_around_the_robot_lie_where_the_camera_sees_them() -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, -1.5], [-1.0, 2.0]])
+    pixels, visible = TagPlane(sighting(SEEN_AT), tag_size_m=TAG_M).project(points)
+    assert visible.all()
+    np.testing.assert_allclose(pixels, pinhole(SEEN_AT.apply(points)), atol=0.05)
+
+
+def test_a_hidden_robot_is_carried_by_its_odometry() -> None:
+    now = Pose2(5.2, -0.6, -0.4)
+    carried = TagPlane(sighting(SEEN_AT), tag_size_m=TAG_M).carry(SEEN_AT.inverse() @ now, stamp_ns=7)
+    expected = sighting(now)
+    assert carried is not None
+    assert carried.stamp_ns == 7
+    np.testing.assert_allclose(carried.pixel, expected.pixel, atol=0.05)
+    np.testing.assert_allclose(carried.heading, expected.heading, atol=1e-3)
+    np.testing.assert_allclose(carried.corners, expected.corners, atol=0.05)
+
+
+@pytest.mark.parametrize("behind_m", [8.0, 30.0])
+def test_beyond_the_horizon_there_is_no_robot(behind_m: float) -> None:
+    behind_the_camera = Pose2(-behind_m, 0.0, 0.0)
+    assert (
+        TagPlane(sighting(SEEN_AT), tag_size_m=TAG_M).carry(SEEN_AT.inverse() @ behind_the_camera, stamp_ns=7) is None
+    )
