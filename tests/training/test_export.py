@@ -46,6 +46,8 @@ def test_onnx_equals_torch_and_the_server_loads_the_bundle(
     assert max(differences.values()) < 1e-3
     bundle = load_bundle(tmp_path / "bundle")
     assert bundle.spec == edge.observation
+    for model in (tmp_path / "bundle").glob("*.onnx"):
+        assert str(Path(__file__).parents[2]).encode() not in model.read_bytes()
     assert bundle.manifest["results"]["benchmark"][0]["success_rate"] == 0.5
     assert bundle.manifest["results"]["validation"]["policy"] == {"loss": 0.5}
 
