@@ -1,7 +1,7 @@
 # make demo   a robot in a simulated room, driven by clicks: HEADLESS=1 sets the goal itself, SEED=n picks the room
 # make check  format, lint, types, architecture
 # make test   all tests but the slow ones
-# make train  makes data and trains the edge models from nothing (hours), into runs/
+# make train  makes data and trains the edge models from nothing (an hour and a half), into runs/
 
 PYTHON ?= python3
 VENV := .venv
