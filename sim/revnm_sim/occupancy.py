@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from revnm_client.geometry import FloatArray
-from revnm_sim.world import Bounds, Primitive, Shape, World
+from revnm_sim.world import FLAT_M, Bounds, Primitive, Shape, World
 
 _RIM_CELLS = 2
 
@@ -50,7 +50,7 @@ class OccupancyGrid:
 
 
 def occupancy(
-    world: World, *, resolution_m: float = 0.05, z_min_m: float = 0.02, z_max_m: float = 0.40
+    world: World, *, resolution_m: float = 0.05, z_min_m: float = FLAT_M, z_max_m: float = 0.40
 ) -> OccupancyGrid:
     """Rasterise what reaches into a range of heights; everything outside the world's bounds is occupied.
 
@@ -72,8 +72,7 @@ def occupancy(
     ys = np.asarray(origin[1] + (np.arange(rows) + 0.5) * resolution_m, dtype=np.float64)
     occupied = _outside(xs, ys, bounds)
     for primitive in world.primitives:
-        low, high = (primitive.centre_m[2] + sign * primitive.size_m[2] / 2.0 for sign in (-1.0, 1.0))
-        if low < z_max_m and high > z_min_m:
+        if primitive.bottom_m < z_max_m and primitive.top_m > z_min_m:
             _mark(occupied, xs, ys, primitive, resolution_m)
     return OccupancyGrid(origin, resolution_m, occupied)
 

@@ -45,7 +45,7 @@ class Physics:
         floor = add_floor(self._client, world)
         pybullet.changeDynamics(floor, -1, lateralFriction=1.0, physicsClientId=self._client)
         self._filter(floor, -1, group=_FLOOR, mask=_WHEEL)
-        self._obstacles = [(add_obstacle(self._client, p), p) for p in world.primitives]
+        self._obstacles = [(add_obstacle(self._client, p), p) for p in world.obstacles]
         for body, _ in self._obstacles:
             self._filter(body, -1, group=_OBSTACLE, mask=_BODY)
         self._robot, joints = add_robot(self._client, start, spec)

@@ -51,14 +51,14 @@ def sample_camera(
     Raises:
         ContractError: No draw is clear of the obstacles and sees a quarter of the free floor.
     """
-    arrays = primitive_arrays(world.primitives)
+    arrays = primitive_arrays(world.obstacles)
     floor = _free_floor(world.bounds, arrays)
     best, best_share = None, 0.0
     for _ in range(_TRIES if len(floor) else 0):
         position, yaw = _beside_wall(world.bounds, rng)
         point = (*position, rng.uniform(*height_range_m))
         camera = Camera(width_px, height_px, hfov_rad, point, yaw, rng.uniform(*pitch_range_rad))
-        if _distances(arrays, np.array([point])).min(initial=math.inf) < _CLEAR_M:
+        if distances_m(arrays, np.array([point])).min(initial=math.inf) < _CLEAR_M:
             continue
         if camera.inside(*camera.project(floor)).mean() <= best_share:
             continue  # what is in the picture bounds what is visible, and costs less to know
@@ -85,7 +85,7 @@ def _free_floor(bounds: Bounds, arrays: PrimitiveArrays) -> FloatArray:
     return np.asarray(points[away > 0.0])
 
 
-def _distances(arrays: PrimitiveArrays, points_m: FloatArray) -> FloatArray:
+def distances_m(arrays: PrimitiveArrays, points_m: FloatArray) -> FloatArray:
     """Return the distance (M, P) of points (M, 3) from primitives, metres, 0 inside."""
     z = np.abs(points_m[:, None, 2] - arrays.centre_m[:, 2]) - arrays.half_m[:, 2]
     return np.hypot(_plan_distances(arrays, points_m), np.maximum(z, 0.0))

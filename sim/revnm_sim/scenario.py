@@ -21,7 +21,7 @@ from revnm_sim.placement import sample_camera
 from revnm_sim.raycast import visible
 from revnm_sim.robot import RobotSpec
 from revnm_sim.world import PrimitiveArrays, World, primitive_arrays
-from revnm_sim.worlds import named_world
+from revnm_sim.worlds import named_site
 
 _CLEARANCE_M = 0.35
 _LONGEST_WAY_M = 20.0  # 40 s at full speed
@@ -82,7 +82,7 @@ def sample_pair(
     """
     robot = RobotSpec()
     places = free_places(expert.grid, rng, count=_PLACES)
-    arrays = primitive_arrays(world.primitives)
+    arrays = primitive_arrays(world.obstacles)
     starts = places[tag_seen(arrays, camera, places, robot)]
     goals = places[visible(arrays, camera, _at_height(places, 0.0))]
     for goal in goals[:_ATTEMPTS]:
@@ -138,12 +138,13 @@ def benchmark_scenario(world_name: str, *, seed: int, index: int) -> Scenario:
 
     Raises:
         ConfigError: No world has this name.
+        FileError: The world's file is malformed.
         ContractError: The world has no place for a camera that sees a pair.
     """
     for attempt in range(_ATTEMPTS):
         sequence = np.random.SeedSequence([seed, index, attempt])
         world_seed = int(sequence.generate_state(1)[0]) % TRAINING_SEED_BASE
-        world, rng = named_world(world_name, world_seed), np.random.default_rng(sequence)
+        world, rng = named_site(world_name, world_seed).world, np.random.default_rng(sequence)
         try:
             camera = sample_camera(world, rng, width_px=640, height_px=480, hfov_rad=math.radians(120.0))
         except ContractError:
@@ -165,7 +166,7 @@ def demo_scenario(seed: int) -> Scenario:
     """
     world, robot = demo_room(seed), RobotSpec()
     expert, rng = Expert(world), np.random.default_rng([seed, 2])
-    arrays = primitive_arrays(world.primitives)
+    arrays = primitive_arrays(world.obstacles)
     for _ in range(_ATTEMPTS):
         camera = _wall_camera(world, rng)
         places = free_places(expert.grid, rng, count=_PLACES)

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
 
+FLAT_M = 0.02
+
 
 class Shape(IntEnum):
     """Kinds of primitives; the numbers are those of :class:`PrimitiveArrays`."""
@@ -40,6 +42,16 @@ class Primitive:
     yaw_rad: float
     colour: tuple[int, int, int]
 
+    @property
+    def bottom_m(self) -> float:
+        """Height of its lower end over the floor."""
+        return self.centre_m[2] - self.size_m[2] / 2.0
+
+    @property
+    def top_m(self) -> float:
+        """Height of its upper end over the floor."""
+        return self.centre_m[2] + self.size_m[2] / 2.0
+
 
 class Bounds(NamedTuple):
     """The rectangle of floor that a world covers, metres, world frame."""
@@ -65,6 +77,11 @@ class World:
     bounds: Bounds
     floor_colour: tuple[int, int, int]
     primitives: tuple[Primitive, ...]
+
+    @property
+    def obstacles(self) -> tuple[Primitive, ...]:
+        """The primitives but for marks and mats: what ends 0.02 m over the floor is floor to robots and planners."""
+        return tuple(primitive for primitive in self.primitives if primitive.top_m > FLAT_M)
 
 
 class PrimitiveArrays(NamedTuple):

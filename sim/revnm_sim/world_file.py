@@ -1,7 +1,7 @@
 """World files: one YAML format for every world, described in ``docs/world-format.md``.
 
-A file is hostile until it has been checked: aliases, duplicate and unknown keys, and numbers out of range are
-refused, with the file, the line and the key in the message.
+A file is hostile until it has been checked: what is malformed, unknown or out of range is refused, and so are cameras
+and pairs that no trial could run with, with the file, the line and the key in the message.
 """
 
 from __future__ import annotations
@@ -15,11 +15,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from revnm_client.errors import FileError
 from revnm_client.geometry import Pose2
+from revnm_sim.camera import Camera
+from revnm_sim.site import GOAL_RADIUS_M, Pair, Site
+from revnm_sim.site_checks import flaws
 from revnm_sim.world import Bounds, Primitive, Shape, World
+from revnm_sim.yaml_document import YamlDocument
 
-_MOST_BYTES = 4_000_000
 _MOST_PRIMITIVES = 10_000
-_DEEPEST = 10
+_MOST_TRIAL_PARTS = 1000  # cameras, and pairs
 
 Coordinate = Annotated[float, Field(strict=True, ge=-1000.0, le=1000.0, allow_inf_nan=False)]
 Extent = Annotated[float, Field(strict=True, gt=0.0, le=1000.0, allow_inf_nan=False)]
@@ -28,8 +31,7 @@ Channel = Annotated[int, Field(strict=True, ge=0, le=255)]
 Colour = tuple[Channel, Channel, Channel]
 Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 
-Key = str | int
-Place = tuple[Key, ...]
+Pixels = Annotated[int, Field(strict=True, ge=16, le=8192)]
 
 
 class _Strict(BaseModel):
@@ -70,86 +72,65 @@ class _Placement(_Strict):
     yaw_deg: Angle = 0.0
 
 
+class _Camera(_Strict):
+    x_m: Coordinate
+    y_m: Coordinate
+    z_m: Coordinate
+    yaw_deg: Angle
+    pitch_deg: Annotated[float, Field(strict=True, ge=-90.0, le=90.0, allow_inf_nan=False)]
+    roll_deg: Angle = 0.0
+    width_px: Pixels = 640
+    height_px: Pixels = 480
+    hfov_deg: Annotated[float, Field(strict=True, ge=1.0, le=170.0, allow_inf_nan=False)] = 120.0
+
+    def placed(self) -> Camera:
+        yaw, pitch, roll, hfov = (math.radians(a) for a in (self.yaw_deg, self.pitch_deg, self.roll_deg, self.hfov_deg))
+        return Camera(self.width_px, self.height_px, hfov, (self.x_m, self.y_m, self.z_m), yaw, pitch, roll)
+
+
+class _Start(_Strict):
+    x_m: Coordinate
+    y_m: Coordinate
+    yaw_deg: Angle
+
+
+class _Goal(_Strict):
+    x_m: Coordinate
+    y_m: Coordinate
+
+
+class _Pair(_Strict):
+    start: _Start
+    goal: _Goal
+
+    def placed(self) -> Pair:
+        start = Pose2(self.start.x_m, self.start.y_m, math.radians(self.start.yaw_deg))
+        return Pair(start, (self.goal.x_m, self.goal.y_m))
+
+
 class _File(_Strict):
     format: Literal[1]
     name: Name
+    goal_radius_m: Extent = GOAL_RADIUS_M
     bounds: _Bounds
     floor: _Floor
     prefabs: dict[Name, list[Annotated[_Box | _Cylinder, Field(discriminator="shape")]]]
     placements: list[_Placement]
+    cameras: Annotated[list[_Camera], Field(max_length=_MOST_TRIAL_PARTS)] = []
+    pairs: Annotated[list[_Pair], Field(max_length=_MOST_TRIAL_PARTS)] = []
 
 
-class _Document:
-    """The plain data of a YAML file, and on which line each part of it stands."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.lines: dict[Place, int] = {(): 1}
-        self._scalars = yaml.SafeLoader("")
-        try:
-            if path.stat().st_size > _MOST_BYTES:
-                raise FileError(f"{path}: larger than {_MOST_BYTES} bytes")
-            text = path.read_text(encoding="utf-8")
-            self._refuse_bombs(text)
-            node = yaml.compose(text, Loader=yaml.SafeLoader)
-            self.data = self._plain(node, ())
-        except OSError as error:
-            raise FileError(f"{path}: cannot be read: {error.strerror}") from error
-        except UnicodeDecodeError as error:
-            raise FileError(f"{path}: is no UTF-8 text") from error
-        except yaml.MarkedYAMLError as error:
-            line = error.problem_mark.line + 1 if error.problem_mark else 1
-            raise FileError(f"{path}:{line}: is no YAML: {error.problem}") from error
-        except (yaml.YAMLError, ValueError) as error:
-            raise FileError(f"{path}: is no YAML: {error}") from error
-
-    def refuse(self, place: Place, problem: str) -> NoReturn:
-        """Raise a FileError that names the file, the line and the key."""
-        known = place
-        while known not in self.lines:
-            known = known[:-1]
-        raise FileError(f"{self.path}:{self.lines[known]}: {_dotted(place)}: {problem}")
-
-    def _refuse_bombs(self, text: str) -> None:
-        """Refuse what makes a small file huge or slow to read: aliases, and lists in lists in lists."""
-        depth = 0
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
-            line = event.start_mark.line + 1 if event.start_mark else 1
-            if isinstance(event, yaml.AliasEvent):
-                raise FileError(f"{self.path}:{line}: *{event.anchor}: expected the value itself, not an alias")
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            if depth > _DEEPEST:
-                raise FileError(f"{self.path}:{line}: expected at most {_DEEPEST} levels of nesting")
-
-    def _plain(self, node: yaml.Node | None, place: Place) -> Any:
-        if node is None:
-            return None
-        self.lines[place] = node.start_mark.line + 1
-        if isinstance(node, yaml.SequenceNode):
-            return [self._plain(child, (*place, i)) for i, child in enumerate(node.value)]
-        if not isinstance(node, yaml.MappingNode):
-            return self._scalars.construct_object(node)
-        mapping: dict[str, Any] = {}
-        for key, value in node.value:
-            inner = (*place, str(key.value))
-            self.lines[inner] = key.start_mark.line + 1
-            if str(key.value) in mapping:
-                self.refuse(inner, "stands here a second time: expected every key once")
-            mapping[str(key.value)] = self._plain(value, inner)
-            self.lines[inner] = key.start_mark.line + 1
-        return mapping
-
-
-def load_world(path: Path) -> World:
+def load_site(path: Path) -> Site:
     """Read a world file.
 
     Args:
         path: The YAML file.
 
     Raises:
-        FileError: It cannot be read, or breaks the format; the text names file, line, key and what was expected.
+        FileError: It cannot be read, breaks the format, or a camera or pair does not fit into the world; the text
+            names file, line, key and what was expected.
     """
-    document = _Document(path)
+    document = YamlDocument(path)
     try:
         content = _File.model_validate(document.data)
     except ValidationError as error:
@@ -157,17 +138,17 @@ def load_world(path: Path) -> World:
     bounds = Bounds(*(getattr(content.bounds, name) for name in Bounds._fields))
     if bounds.x_min_m >= bounds.x_max_m or bounds.y_min_m >= bounds.y_max_m:
         document.refuse(("bounds",), f"expected x_min_m < x_max_m and y_min_m < y_max_m, got {tuple(bounds)}")
-    primitives: list[Primitive] = []
-    for i, placement in enumerate(content.placements):
-        if placement.prefab not in content.prefabs:
-            known = ", ".join(sorted(content.prefabs)) or "none"
-            problem = f"expected one of the file's prefabs ({known}), got {placement.prefab!r}"
-            document.refuse(("placements", i, "prefab"), problem)
-        frame = Pose2(placement.x_m, placement.y_m, math.radians(placement.yaw_deg))
-        primitives += [_placed(part, frame) for part in content.prefabs[placement.prefab]]
-        if len(primitives) > _MOST_PRIMITIVES:
-            document.refuse(("placements", i), f"expected at most {_MOST_PRIMITIVES} boxes and cylinders in all")
-    return World(content.name, bounds, content.floor.colour, tuple(primitives))
+    site = Site(
+        world=World(content.name, bounds, content.floor.colour, _placed_primitives(document, content)),
+        where=document.where(("bounds",)),
+        goal_radius_m=content.goal_radius_m,
+        cameras=tuple(camera.placed() for camera in content.cameras),
+        pairs=tuple(pair.placed() for pair in content.pairs),
+        file_sha256=document.sha256,
+    )
+    for place, problem in flaws(site):
+        document.refuse(place, problem)
+    return site
 
 
 def save_world(world: World, path: Path) -> None:
@@ -191,6 +172,21 @@ def save_world(world: World, path: Path) -> None:
         raise FileError(f"{path}: cannot be written: {error.strerror}") from error
 
 
+def _placed_primitives(document: YamlDocument, content: _File) -> tuple[Primitive, ...]:
+    """Return the parts of all placed prefabs."""
+    primitives: list[Primitive] = []
+    for i, placement in enumerate(content.placements):
+        if placement.prefab not in content.prefabs:
+            known = ", ".join(sorted(content.prefabs)) or "none"
+            problem = f"expected one of the file's prefabs ({known}), got {placement.prefab!r}"
+            document.refuse(("placements", i, "prefab"), problem)
+        frame = Pose2(placement.x_m, placement.y_m, math.radians(placement.yaw_deg))
+        primitives += [_placed(part, frame) for part in content.prefabs[placement.prefab]]
+        if len(primitives) > _MOST_PRIMITIVES:
+            document.refuse(("placements", i), f"expected at most {_MOST_PRIMITIVES} boxes and cylinders in all")
+    return tuple(primitives)
+
+
 def _part_data(primitive: Primitive) -> dict[str, Any]:
     shared = {"centre_m": list(primitive.centre_m), "colour": list(primitive.colour)}
     if primitive.shape is Shape.CYLINDER:
@@ -211,7 +207,7 @@ def _placed(part: _Box | _Cylinder, frame: Pose2) -> Primitive:
     return Primitive(Shape.CYLINDER, (pose.x_m, pose.y_m, z), size, pose.yaw_rad, part.colour)
 
 
-def _explain(document: _Document, error: ValidationError) -> NoReturn:
+def _explain(document: YamlDocument, error: ValidationError) -> NoReturn:
     """Raise the first problem that pydantic found, in the words of the file."""
     first = error.errors(include_url=False, include_context=False)[0]
     # Where a box or a cylinder may stand, pydantic puts the chosen shape into the place; the file has no such key.
@@ -223,9 +219,3 @@ def _explain(document: _Document, error: ValidationError) -> NoReturn:
     if first["type"] in ("model_type", "model_attributes_type"):
         document.refuse(place, f"expected keys with values, got {first['input']!r:.80}")
     document.refuse(place, f"{first['msg'][0].lower()}{first['msg'][1:]}, got {first['input']!r:.80}")
-
-
-def _dotted(place: Place) -> str:
-    """Write a place as ``placements[2].prefab``."""
-    text = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place)
-    return text.lstrip(".") or "the file"

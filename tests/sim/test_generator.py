@@ -6,7 +6,6 @@ import pytest
 from revnm_client.errors import ConfigError
 from revnm_sim.expert import Expert
 from revnm_sim.generator import TRAINING_SEED_BASE, demo_room, is_training_seed, random_pillar
-from revnm_sim.worlds import WORLDS, named_world
 
 
 def test_one_seed_makes_one_world() -> None:
@@ -63,10 +62,3 @@ def test_demo_room_is_small_and_low(seed: int) -> None:
     assert 4.5 < world.bounds.y_max_m - world.bounds.y_min_m < 5.5
     assert 4 <= len(world.primitives) - 4 <= 8
     assert max(primitive.size_m[2] for primitive in world.primitives[4:]) < 1.0
-
-
-def test_worlds_have_names() -> None:
-    assert named_world("random_pillar", 3) == random_pillar(3)
-    assert set(WORLDS) == {"demo_room", "random_pillar"}
-    with pytest.raises(ConfigError, match=r"'moon'.*demo_room, random_pillar"):
-        named_world("moon", 0)

@@ -10,7 +10,7 @@ import pytest
 from revnm_client.errors import FileError
 from revnm_sim.generator import random_pillar
 from revnm_sim.world import Shape, primitive_arrays
-from revnm_sim.world_file import load_world, save_world
+from revnm_sim.world_file import load_site, save_world
 
 DOCS = Path(__file__).parents[2] / "docs" / "world-format.md"
 
@@ -29,7 +29,7 @@ def write(tmp_path: Path, text: str) -> Path:
 
 
 def test_the_documented_example_loads(tmp_path: Path, example: str) -> None:
-    world = load_world(write(tmp_path, example))
+    world = load_site(write(tmp_path, example)).world
     assert world.name == "two-shelves"
     assert world.bounds == (-3.0, -2.0, 3.0, 2.0)
     assert world.floor_colour == (190, 185, 175)
@@ -48,7 +48,7 @@ def test_the_documented_example_loads(tmp_path: Path, example: str) -> None:
 def test_a_saved_world_loads_again(tmp_path: Path, seed: int) -> None:
     world = random_pillar(seed)
     save_world(world, tmp_path / "world.yaml")
-    again = load_world(tmp_path / "world.yaml")
+    again = load_site(tmp_path / "world.yaml").world
     assert (again.name, again.bounds, again.floor_colour) == (world.name, world.bounds, world.floor_colour)
     assert [p.colour for p in again.primitives] == [p.colour for p in world.primitives]
     for ours, theirs in zip(primitive_arrays(world.primitives), primitive_arrays(again.primitives), strict=True):
@@ -88,7 +88,7 @@ def test_what_is_wrong_is_said_with_line_and_key(
     assert change[0] in example
     path = write(tmp_path, example.replace(*change, 1))
     with pytest.raises(FileError) as raised:
-        load_world(path)
+        load_site(path)
     pattern = re.escape(str(path)) + re.escape(message).replace(r"\.\*", ".*")
     assert re.match(pattern, str(raised.value)), raised.value
 
@@ -96,19 +96,21 @@ def test_what_is_wrong_is_said_with_line_and_key(
 @pytest.mark.parametrize("text", ["", "- 1\n- 2\n", "7", "[" * 3000, "a: {b: " * 3000])
 def test_what_is_no_world_at_all_is_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(FileError, match=r"site\.yaml"):
-        load_world(write(tmp_path, text))
+        load_site(write(tmp_path, text))
 
 
 def test_a_file_that_is_no_text_or_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"nowhere\.yaml: cannot be read"):
-        load_world(tmp_path / "nowhere.yaml")
+        load_site(tmp_path / "nowhere.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x80")
     with pytest.raises(FileError, match=r"binary\.yaml"):
-        load_world(tmp_path / "binary.yaml")
+        load_site(tmp_path / "binary.yaml")
 
 
 def test_too_many_primitives_are_refused(tmp_path: Path, example: str) -> None:
     part = next(line for line in example.splitlines() if "cylinder" in line) + "\n"
-    heavy = example.replace(part, part * 200) + "  - {prefab: bin, x_m: 0.0, y_m: 0.0}\n" * 50
+    heavy = example.replace(part, part * 200).replace(
+        "cameras:", "  - {prefab: bin, x_m: 0.0, y_m: 0.0}\n" * 50 + "cameras:"
+    )
     with pytest.raises(FileError, match=r"placements\[\d+\]: expected at most 10000"):
-        load_world(write(tmp_path, heavy))
+        load_site(write(tmp_path, heavy))
