@@ -41,6 +41,11 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
         command.add_arguments(bench)
         bench.set_defaults(run=command.run)
+    world = commands.add_parser("world", help="draw a world, or check it against measurements")
+    if words[:1] == ["world"]:
+        from revnm_sim import world_command
+
+        world_command.add_arguments(world)
     return parser
 
 

@@ -59,11 +59,11 @@ class CameraRenderer:
             pybullet.disconnect(physicsClientId=self._client)
             self._client = -1
 
-    def picture(self, world_from_robot: Pose2) -> NDArray[np.uint8]:
-        """Return the picture (H, W, 3) uint8 RGB with the robot at a pose."""
+    def picture(self, world_from_robot: Pose2 | None) -> NDArray[np.uint8]:
+        """Return the picture (H, W, 3) uint8 RGB with the robot at a pose, or without it."""
         picture = self._still.copy()
-        region = self._robot_region(world_from_robot)
-        if region is None:
+        region = self._robot_region(world_from_robot) if world_from_robot else None
+        if region is None or world_from_robot is None:
             return picture
         self._place_robot(world_from_robot)
         robot = render(self._client, self._camera, region, _SUPERSAMPLING)

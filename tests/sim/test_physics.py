@@ -144,3 +144,12 @@ def test_second_close_does_nothing() -> None:
     physics = Physics(WORLD, Pose2(0.0, 0.0, 0.0), RobotSpec())
     physics.close()
     physics.close()
+
+
+def test_a_mat_is_floor() -> None:
+    mat = Primitive(Shape.BOX, (0.5, 0.0, 0.01), (1.0, 1.0, 0.02), 0.0, (60, 60, 60))
+    with Physics(World("mat", WORLD.bounds, (150, 150, 150), (mat,)), Pose2(0.0, 0.0, 0.0), RobotSpec()) as physics:
+        assert physics.clearance_m == CLEARANCE_LIMIT_M
+        speed_up(physics)
+        assert not physics.in_contact
+        assert physics.world_from_robot.x_m > 1.0
