@@ -8,13 +8,15 @@ from pathlib import Path
 from types import MappingProxyType
 
 from revnm_client.errors import ConfigError
+from revnm_sim.aisles import aisles
 from revnm_sim.generator import demo_room, random_pillar
+from revnm_sim.rooms import rooms
 from revnm_sim.site import Site
 from revnm_sim.world import World
 from revnm_sim.world_file import load_site
 
 _GENERATED: Mapping[str, Callable[[int], World]] = MappingProxyType(
-    {"random_pillar": random_pillar, "demo_room": demo_room}
+    {"random_pillar": random_pillar, "demo_room": demo_room, "aisles": aisles, "rooms": rooms}
 )
 _SCENES = ("bookstore", "warehouse")
 WORLDS = (*_GENERATED, *_SCENES)

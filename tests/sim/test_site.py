@@ -156,11 +156,11 @@ def test_worlds_have_names() -> None:
     assert (site.where, site.file_sha256) == ("world random_pillar, seed 3", "")
     assert is_generated("demo_room")
     assert not is_generated("bookstore")
-    assert {"bookstore", "warehouse", "random_pillar", "demo_room"} <= set(WORLDS)
+    assert set(WORLDS) == {"aisles", "bookstore", "demo_room", "random_pillar", "rooms", "warehouse"}
 
 
 def test_unknown_names_and_paths_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"'moon'.*bookstore, demo_room, .*or a path to a \.yaml file"):
+    with pytest.raises(ConfigError, match=r"'moon'.*aisles, bookstore, demo_room, .*or a path to a \.yaml file"):
         named_site("moon", 0)
     with pytest.raises(FileError, match=r"moon\.yaml: cannot be read"):
         named_site("moon.yaml", 0)
