@@ -23,35 +23,36 @@ class Sampler:
     """
 
     def __init__(self, config: MppiConfig, seed: int) -> None:
-        self._config = config
         self._rng = np.random.default_rng(seed)
-        self._fan = _fan(config)
-        free = config.samples - self._fan.shape[1]
-        self._knots = np.empty((2, config.knots, free), dtype=np.float32)
+        fan = _fan(config)
+        free = config.samples - fan.shape[1]
+        self._knots = np.ones((2, config.knots + 1, free), dtype=np.float32)
+        self._weights = np.empty((2, config.steps, config.knots + 1), dtype=np.float32)
+        sigma = np.array([config.sigma_v_mps, config.sigma_w_radps])
+        self._weights[:, :, :-1] = sigma[:, None, None] * _interpolation(config.steps, config.knots)
         self._samples = np.empty((2, config.steps, config.samples), dtype=np.float32)
-        self._samples[:, :, free:] = self._fan[:, None, :]
-        self._sigma = np.array([config.sigma_v_mps, config.sigma_w_radps], dtype=np.float32)
+        self._samples[:, :, free:] = fan[:, None, :]
 
     def draw(self, nominal: Array32) -> tuple[Array32, Array32]:
         """Return sampled speeds and turning rates, each (K, T), not yet limited; valid until the next call.
 
+        One product does it all: the last knot is 1 everywhere, and its weights are the last solution.
+
         Args:
             nominal: (2, T), speeds and turning rates of the last solution.
         """
-        config = self._config
-        self._rng.standard_normal(out=self._knots, dtype=np.float32)
-        self._knots *= self._sigma[:, None, None]
-        self._knots[:, :, 0] = 0.0
-        free = self._knots.shape[2]
-        position = np.linspace(0.0, config.knots - 1, config.steps)
-        for step in range(config.steps):
-            left = min(int(position[step]), config.knots - 2)
-            part = np.float32(position[step] - left)
-            row = self._samples[:, step, :free]
-            np.multiply(self._knots[:, left + 1], part, out=row)
-            row += self._knots[:, left] * (np.float32(1.0) - part)
-            row += nominal[:, step, None]
+        for knots in self._knots:
+            self._rng.standard_normal(out=knots[:-1], dtype=np.float32)
+        self._knots[:, :-1, 0] = 0.0
+        self._weights[:, :, -1] = nominal
+        np.matmul(self._weights, self._knots, out=self._samples[:, :, : self._knots.shape[2]])
         return self._samples[0].T, self._samples[1].T
+
+
+def _interpolation(steps: int, knots: int) -> NDArray[np.float64]:
+    """Return the weights (T, knots) of straight lines between evenly spread knots, the first and last at the ends."""
+    place = np.linspace(0.0, knots - 1, steps)
+    return np.maximum(1.0 - np.abs(place[:, None] - np.arange(knots)), 0.0)
 
 
 def _fan(config: MppiConfig) -> Array32:
