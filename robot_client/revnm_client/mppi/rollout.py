@@ -1,4 +1,7 @@
-"""The unicycle with limited acceleration, for all samples at once."""
+"""The unicycle with limited acceleration, for all samples at once.
+
+Arrays are (K, T) as everywhere, but lie in memory step by step, since a rollout walks along the steps.
+"""
 
 from __future__ import annotations
 
@@ -44,38 +47,51 @@ def roll_out(v_mps: Array32, w_radps: Array32, start: Velocity, config: MppiConf
         start: Velocity of the robot now.
         config: Limits and step.
     """
+    samples, steps = v_mps.shape
     dt = np.float32(config.dt_s)
-    v = np.clip(v_mps, 0.0, np.float32(config.max_v_mps))
-    w = np.clip(w_radps, -np.float32(config.max_w_radps), np.float32(config.max_w_radps))
-    limit_rate(v, start.v_mps, config.max_a_mps2 * config.dt_s)
-    limit_rate(w, start.w_radps, config.max_alpha_radps2 * config.dt_s)
-    yaw = np.cumsum(w, axis=1)
-    yaw -= np.float32(0.5) * w
-    yaw *= dt
+    controls = np.empty((steps, 2, samples), dtype=np.float32)
+    v, w = controls[:, 0], controls[:, 1]
+    np.clip(v_mps.T, 0.0, np.float32(config.max_v_mps), out=v)
+    np.clip(w_radps.T, -np.float32(config.max_w_radps), np.float32(config.max_w_radps), out=w)
+    limit_rate(controls, start, config)
+    yaw = w * dt
+    half_turn = np.float32(0.5) * yaw
+    _accumulate(yaw)
+    yaw -= half_turn
     cos, sin = np.cos(yaw), np.sin(yaw)
-    step = v * dt
-    x = np.cumsum(step * cos, axis=1)
-    y = np.cumsum(step * sin, axis=1)
-    return Rollouts(v, w, x, y, cos, sin)
+    way = v * dt
+    position = np.empty_like(controls)
+    np.multiply(way, cos, out=position[:, 0])
+    np.multiply(way, sin, out=position[:, 1])
+    _accumulate(position)
+    return Rollouts(v.T, w.T, position[:, 0].T, position[:, 1].T, cos.T, sin.T)
 
 
-def limit_rate(values: Array32, start: float, step: float) -> None:
+def limit_rate(controls: Array32, start: Velocity, config: MppiConfig) -> None:
     """Bound the change from each step to the next, in place.
 
     Args:
-        values: (K, T).
-        start: Value before the first step.
-        step: Largest change a step.
+        controls: (T, 2, K), speeds and turning rates.
+        start: Velocity before the first step.
+        config: Greatest accelerations and duration of a step.
     """
-    step32 = np.float32(step)
-    before = np.full(values.shape[0], start, dtype=np.float32)
+    before, change = np.empty((2, *controls.shape[1:]), dtype=np.float32)
+    before[0], before[1] = start.v_mps, start.w_radps
+    change[0], change[1] = config.max_a_mps2 * config.dt_s, config.max_alpha_radps2 * config.dt_s
     bound = np.empty_like(before)
-    for t in range(values.shape[1]):
-        now = values[:, t]
-        np.add(before, step32, out=bound)
+    for now in controls:
+        np.add(before, change, out=bound)
         np.minimum(now, bound, out=now)
-        np.subtract(before, step32, out=bound)
+        np.subtract(before, change, out=bound)
         np.maximum(now, bound, out=now)
+        before = now
+
+
+def _accumulate(steps: Array32) -> None:
+    """Add to each step (T, ...) all before it, in place; numpy's cumsum along the first axis is slow."""
+    before = steps[0]
+    for now in steps[1:]:
+        np.add(before, now, out=now)
         before = now
 
 
