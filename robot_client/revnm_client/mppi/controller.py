@@ -93,10 +93,8 @@ class Mppi:
 
     def _shift(self) -> None:
         """Move the last solution on by one control period."""
-        steps = np.arange(self._config.steps)
-        moved = steps + self._config.period_s / self._config.dt_s
-        for row in self._nominal:
-            row[:] = np.interp(moved, steps, row)
+        part = np.float32(self._config.period_s / self._config.dt_s)
+        self._nominal[:, :-1] += part * np.diff(self._nominal)
 
     def _criticise(self, rollouts: Rollouts, clear: Array32, path: ReferencePath, field: DistanceField) -> Array32:
         """Return the cost (K,) of each rollout."""

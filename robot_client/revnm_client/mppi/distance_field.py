@@ -25,7 +25,7 @@ class DistanceField:
         """Wrap distances (side, side), metres, indexed by the cell along x and the cell along y."""
         self._flat = distance_m.ravel()
         self._side = distance_m.shape[0]
-        self._last = np.float32(self._side - 1)
+        self._last = float(self._side - 1)
         self._half_m = np.float32(half_m)
         self._per_m = np.float32(1.0 / resolution_m)
 
@@ -40,13 +40,14 @@ class DistanceField:
             reach_m: Distances are truncated to this.
         """
         side = int(np.ceil(2.0 * half_m / resolution_m))
-        cells = np.floor((points_m + half_m) / resolution_m).astype(np.int64)
-        cells = cells[((cells >= 0) & (cells < side)).all(axis=1)]
+        x, y = (points_m.T + half_m) * (1.0 / resolution_m)
+        inside = (np.minimum(x, y) >= 0.0) & (np.maximum(x, y) < side)
+        x, y = x[inside].astype(np.intp), y[inside].astype(np.intp)
         occupied = np.zeros((side, side), dtype=bool)  # [y, x], so that distances lie in memory as [x, y]
-        occupied[cells[:, 1], cells[:, 0]] = True
+        occupied[y, x] = True
         squared = squared_distance(occupied, int(np.ceil(reach_m / resolution_m)))
         distance = np.sqrt(squared, dtype=np.float32) * np.float32(resolution_m)
-        np.clip(distance, 0.0, np.float32(reach_m), out=distance)
+        distance.clip(0.0, reach_m, out=distance)
         return cls(distance.T, half_m, resolution_m)
 
     def at(self, x_m: Array32, y_m: Array32) -> Array32:
@@ -59,7 +60,7 @@ class DistanceField:
     def _cell(self, coordinate_m: Array32) -> NDArray[np.int32]:
         cell = coordinate_m + self._half_m
         cell *= self._per_m
-        np.clip(cell, 0.0, self._last, out=cell)
+        cell.clip(0.0, self._last, out=cell)
         return cell.astype(np.int32)
 
 
@@ -75,7 +76,7 @@ def squared_distance(occupied: NDArray[np.bool_], reach: int) -> Cells:
     """
     far = reach + 1
     kind = np.min_scalar_type(2 * far**2)
-    along = _along_columns(np.where(occupied, kind.type(0), kind.type(far)), reach)
+    along = _along_columns(kind.type(far) * ~occupied, reach)
     squared = np.ascontiguousarray(along.T)
     squared *= squared
     nearest = squared.copy()

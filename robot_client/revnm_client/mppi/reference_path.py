@@ -38,23 +38,25 @@ def path_ahead(waypoints_m: FloatArray, *, spacing_m: float = 0.1) -> ReferenceP
         waypoints_m: (H, 2), H ≥ 1, robot frame; repeated points are fine.
         spacing_m: Path length between two points of the result.
     """
-    steps = np.diff(waypoints_m, axis=0)
+    steps = waypoints_m[1:] - waypoints_m[:-1]
     lengths = np.hypot(steps[:, 0], steps[:, 1])
-    keep = np.concatenate([[True], lengths > 1e-6])
-    points, lengths = waypoints_m[keep], lengths[keep[1:]]
-    if len(points) == 1:
-        return ReferencePath(points, spacing_m)
-    along = np.concatenate([[0.0], np.cumsum(lengths)])  # path length at each point
-    start = _nearest_length(points, lengths, along)
-    count = max(math.ceil((along[-1] - start) / spacing_m - 1e-9), 0)
-    at = np.append(start + spacing_m * np.arange(count), along[-1])
-    return ReferencePath(np.stack([np.interp(at, along, points[:, i]) for i in (0, 1)], axis=1), spacing_m)
+    moves = lengths > 1e-6
+    lengths = lengths[moves]
+    if not len(lengths):
+        return ReferencePath(waypoints_m[:1], spacing_m)
+    x, y = waypoints_m[np.append(True, moves)].T
+    along = np.append(0.0, lengths.cumsum())  # path length at each point
+    start, end = _nearest_length(x, y, along), float(along[-1])
+    count = max(math.ceil((end - start) / spacing_m - 1e-9), 0)
+    at = start + spacing_m * np.arange(count + 1)
+    at[-1] = end
+    return ReferencePath(np.stack([np.interp(at, along, x), np.interp(at, along, y)], axis=1), spacing_m)
 
 
-def _nearest_length(points: FloatArray, lengths: FloatArray, along: FloatArray) -> float:
+def _nearest_length(x_m: FloatArray, y_m: FloatArray, along_m: FloatArray) -> float:
     """Return the path length at which the path is nearest to the robot, that is, to (0, 0)."""
-    directions = np.diff(points, axis=0) / lengths[:, None]
-    feet = np.clip(-(points[:-1] * directions).sum(axis=1), 0.0, lengths)
-    nearest = points[:-1] + feet[:, None] * directions
-    best = int(np.argmin((nearest**2).sum(axis=1)))
-    return float(along[best] + feet[best])
+    lengths = np.diff(along_m)
+    dx, dy = np.diff(x_m) / lengths, np.diff(y_m) / lengths
+    feet = np.clip(-(x_m[:-1] * dx + y_m[:-1] * dy), 0.0, lengths)
+    best = int(np.argmin((x_m[:-1] + feet * dx) ** 2 + (y_m[:-1] + feet * dy) ** 2))
+    return float(along_m[best] + feet[best])

@@ -51,8 +51,8 @@ def roll_out(v_mps: Array32, w_radps: Array32, start: Velocity, config: MppiConf
     dt = np.float32(config.dt_s)
     controls = np.empty((steps, 2, samples), dtype=np.float32)
     v, w = controls[:, 0], controls[:, 1]
-    np.clip(v_mps.T, 0.0, np.float32(config.max_v_mps), out=v)
-    np.clip(w_radps.T, -np.float32(config.max_w_radps), np.float32(config.max_w_radps), out=w)
+    v_mps.T.clip(0.0, config.max_v_mps, out=v)
+    w_radps.T.clip(-config.max_w_radps, config.max_w_radps, out=w)
     limit_rate(controls, start, config)
     yaw = w * dt
     half_turn = np.float32(0.5) * yaw
@@ -60,11 +60,10 @@ def roll_out(v_mps: Array32, w_radps: Array32, start: Velocity, config: MppiConf
     yaw -= half_turn
     cos, sin = np.cos(yaw), np.sin(yaw)
     way = v * dt
-    position = np.empty_like(controls)
-    np.multiply(way, cos, out=position[:, 0])
-    np.multiply(way, sin, out=position[:, 1])
-    _accumulate(position)
-    return Rollouts(v.T, w.T, position[:, 0].T, position[:, 1].T, cos.T, sin.T)
+    x, y = way * cos, way * sin
+    _accumulate(x)
+    _accumulate(y)
+    return Rollouts(v.T, w.T, x.T, y.T, cos.T, sin.T)
 
 
 def limit_rate(controls: Array32, start: Velocity, config: MppiConfig) -> None:
@@ -88,7 +87,7 @@ def limit_rate(controls: Array32, start: Velocity, config: MppiConfig) -> None:
 
 
 def _accumulate(steps: Array32) -> None:
-    """Add to each step (T, ...) all before it, in place; numpy's cumsum along the first axis is slow."""
+    """Add to each step (T, K) all before it, in place; numpy's cumsum along the first axis is slow."""
     before = steps[0]
     for now in steps[1:]:
         np.add(before, now, out=now)
@@ -97,13 +96,13 @@ def _accumulate(steps: Array32) -> None:
 
 def clearance(rollouts: Rollouts, field: DistanceField, footprint: Footprint) -> Array32:
     """Return (K, T), metres between the covering circles and the nearest obstacle; negative inside it."""
-    dx = np.float32(footprint.circle_offset_m) * rollouts.cos
-    dy = np.float32(footprint.circle_offset_m) * rollouts.sin
-    front = field.at(rollouts.x_m + dx, rollouts.y_m + dy)
-    back = field.at(rollouts.x_m - dx, rollouts.y_m - dy)
-    np.minimum(front, back, out=front)
-    front -= np.float32(footprint.circle_radius_m)
-    return front
+    x, y = rollouts.x_m.T, rollouts.y_m.T
+    dx = np.float32(footprint.circle_offset_m) * rollouts.cos.T
+    dy = np.float32(footprint.circle_offset_m) * rollouts.sin.T
+    nearest = field.at(x + dx, y + dy)
+    np.minimum(nearest, field.at(x - dx, y - dy), out=nearest)
+    nearest -= np.float32(footprint.circle_radius_m)
+    return nearest.T
 
 
 def clearance_now(field: DistanceField, footprint: Footprint) -> float:

@@ -22,8 +22,8 @@ def align_cost(rollouts: Rollouts, path_m: FloatArray, weights: CriticWeights) -
         path_m: (P, 2), P ≥ 1, robot frame, closely spaced.
         weights: Of the critics.
     """
-    x = rollouts.x_m[:, _STRIDE - 1 :: _STRIDE]
-    y = rollouts.y_m[:, _STRIDE - 1 :: _STRIDE]
+    x = rollouts.x_m[:, _STRIDE - 1 :: _STRIDE].copy(order="K")  # in one piece, for the loop
+    y = rollouts.y_m[:, _STRIDE - 1 :: _STRIDE].copy(order="K")
     nearest = np.full_like(x, np.inf)
     for px, py in path_m.astype(np.float32):
         dx = x - px

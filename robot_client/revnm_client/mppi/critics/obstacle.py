@@ -24,10 +24,16 @@ def obstacle_cost(clearance_m: Array32, now_m: float, weights: CriticWeights) ->
         weights: Of the critics.
     """
     floor = np.float32(min(0.0, now_m)) - _NOISE_M
-    collides = (clearance_m < floor).any(axis=1)
+    collides = clearance_m.min(axis=1) < floor
     cost: Array32 = np.where(collides, np.float32(weights.collision), np.float32(0.0))
-    missing = np.maximum(np.float32(weights.critical_margin_m) - clearance_m, 0.0)
-    cost += np.float32(weights.critical) * missing.sum(axis=1)
-    missing = np.maximum(np.float32(weights.repulsion_margin_m) - clearance_m, 0.0)
-    cost += np.float32(weights.repulsion / clearance_m.shape[1]) * missing.sum(axis=1)
+    cost += np.float32(weights.critical) * _missing(clearance_m, weights.critical_margin_m)
+    steps = clearance_m.shape[1]
+    cost += np.float32(weights.repulsion / steps) * _missing(clearance_m, weights.repulsion_margin_m)
     return cost
+
+
+def _missing(clearance_m: Array32, margin_m: float) -> Array32:
+    """Return (K,), what the steps lack of the margin, summed."""
+    # clip, because numpy is slow at the minimum of an array and a number
+    kept: Array32 = clearance_m.clip(-np.inf, margin_m).sum(axis=1)
+    return np.float32(margin_m * clearance_m.shape[1]) - kept
