@@ -1,7 +1,8 @@
 """PyBullet dynamics of one robot in one world; nothing here knows of cameras or messages.
 
 Each instance owns a PyBullet client of its own, so several may live in one process. The physics runs at
-240 Hz; commands, wheel angles and contacts are exchanged every third of its steps (12.5 ms).
+240 Hz; commands, wheel angles and contacts are exchanged every third of its steps (12.5 ms). What begins higher than
+the robot's top is left out: it can never be touched.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import math
 from types import TracebackType
 from typing import Self
 
+import numpy as np
 import pybullet
 
 from revnm_client.geometry import Pose2
@@ -17,7 +19,7 @@ from revnm_client.messages import STANDSTILL, Velocity
 from revnm_sim.robot import RobotSpec
 from revnm_sim.robot_model import LEFT_JOINT, RIGHT_JOINT, WHEEL_RADIUS_M, wheel_track_m
 from revnm_sim.scene import add_floor, add_obstacle, add_robot
-from revnm_sim.world import World
+from revnm_sim.world import World, primitive_arrays
 
 TICK_NS = 12_500_000
 SUBSTEPS = 3
@@ -26,6 +28,7 @@ CLEARANCE_LIMIT_M = 1.0
 # Collision groups: only wheels meet the floor, only the body meets obstacles.
 _FLOOR, _OBSTACLE, _BODY, _WHEEL = 1, 2, 4, 8
 _WHEEL_TORQUE_NM = 4.0
+_HEADROOM_M = 0.02  # over the robot's top; at this distance PyBullet begins to look for contacts
 _DISTANCE = 8  # place of the distance in PyBullet's contact points
 
 
@@ -45,9 +48,13 @@ class Physics:
         floor = add_floor(self._client, world)
         pybullet.changeDynamics(floor, -1, lateralFriction=1.0, physicsClientId=self._client)
         self._filter(floor, -1, group=_FLOOR, mask=_WHEEL)
-        self._obstacles = [(add_obstacle(self._client, p), p) for p in world.obstacles]
-        for body, _ in self._obstacles:
+        low = tuple(p for p in world.obstacles if p.bottom_m < spec.top_m + _HEADROOM_M)
+        self._obstacles = [add_obstacle(self._client, p) for p in low]
+        for body in self._obstacles:
             self._filter(body, -1, group=_OBSTACLE, mask=_BODY)
+        arrays = primitive_arrays(low)
+        self._centres_m = arrays.centre_m[:, :2]
+        self._reaches_m = np.hypot(arrays.half_m[:, 0], arrays.half_m[:, 1]) + spec.circumscribed_m
         self._robot, joints = add_robot(self._client, start, spec)
         self._wheels = (joints[LEFT_JOINT], joints[RIGHT_JOINT])
         self._set_up_robot(joints)
@@ -111,14 +118,19 @@ class Physics:
 
     @property
     def clearance_m(self) -> float:
-        """Distance from the body to the nearest obstacle, at most ``CLEARANCE_LIMIT_M``; negative inside."""
+        """Distance from the body to the nearest obstacle, at most ``CLEARANCE_LIMIT_M``; negative inside.
+
+        What begins higher than the robot's top does not count.
+        """
         pose, nearest = self.world_from_robot, CLEARANCE_LIMIT_M
-        for body, primitive in self._obstacles:
-            radius = math.hypot(primitive.size_m[0], primitive.size_m[1]) / 2.0
-            away = math.hypot(primitive.centre_m[0] - pose.x_m, primitive.centre_m[1] - pose.y_m)
-            if away - radius - self._spec.circumscribed_m >= nearest:
+        away = np.hypot(self._centres_m[:, 0] - pose.x_m, self._centres_m[:, 1] - pose.y_m)
+        least = away - self._reaches_m  # between the circles that hold robot and obstacle
+        for index in np.flatnonzero(least < nearest):
+            if least[index] >= nearest:
                 continue
-            points = pybullet.getClosestPoints(self._robot, body, nearest, linkIndexA=-1, physicsClientId=self._client)
+            points = pybullet.getClosestPoints(
+                self._robot, self._obstacles[index], nearest, linkIndexA=-1, physicsClientId=self._client
+            )
             nearest = min([nearest, *(point[_DISTANCE] for point in points)])
         return nearest
 

@@ -23,6 +23,18 @@ def test_transform_equals_brute_force_up_to_its_reach(seed: int) -> None:
     assert (found[~near] > reach**2).all()
 
 
+@pytest.mark.parametrize("reach", [1, 2, 17, 60, 200])
+def test_every_reach_on_an_oblong_grid_equals_brute_force(reach: int) -> None:
+    occupied = np.zeros((25, 40), dtype=bool)
+    occupied[[3, 20], [38, 2]] = True
+    y, x = np.indices(occupied.shape)
+    brute = np.minimum((y - 3) ** 2 + (x - 38) ** 2, (y - 20) ** 2 + (x - 2) ** 2)
+    found = squared_distance(occupied, reach)  # 60 reaches across the grid, 200 needs more than 16 bits
+    near = brute <= reach**2
+    np.testing.assert_array_equal(found[near], brute[near])
+    assert (found[~near] > reach**2).all()
+
+
 def test_looked_up_distance_is_within_a_cell_of_the_true_one() -> None:
     rng = np.random.default_rng(7)
     points = rng.uniform(-2.0, 2.0, (60, 2))

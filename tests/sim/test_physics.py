@@ -140,6 +140,43 @@ def test_clearance_is_measured_from_the_body(pose: Pose2, clearance_m: float) ->
         assert physics.clearance_m == pytest.approx(clearance_m, abs=0.005)
 
 
+def hung(clear_m: float) -> World:
+    """Return a world with a board, as thick as wide, that hangs ``clear_m`` over the robot's top ahead of it."""
+    bottom = RobotSpec().top_m + clear_m
+    board = Primitive(Shape.BOX, (0.6, 0.0, bottom + 0.2), (0.4, 2.0, 0.4), 0.0, (90, 90, 90))
+    return World("board", WORLD.bounds, WORLD.floor_colour, (board,))
+
+
+def test_robot_drives_under_what_hangs_over_it() -> None:
+    with Physics(hung(0.03), Pose2(0.0, 0.0, 0.0), RobotSpec()) as physics:
+        physics.drive(Velocity(0.5, 0.0))
+        for _ in range(2 * PER_SECOND):
+            physics.tick()
+            assert not physics.in_contact
+        assert physics.world_from_robot.x_m > 0.8
+        assert physics.clearance_m == CLEARANCE_LIMIT_M
+
+
+@pytest.mark.parametrize("clear_m", [-0.01, -0.1])
+def test_robot_meets_what_hangs_into_it(clear_m: float) -> None:
+    with Physics(hung(clear_m), Pose2(0.0, 0.0, 0.0), RobotSpec()) as physics:
+        physics.drive(Velocity(0.4, 0.0))
+        for _ in range(2 * PER_SECOND):
+            physics.tick()
+        assert physics.in_contact
+        assert physics.world_from_robot.x_m < 0.2  # the board begins at 0.4, the body ends 0.215 ahead
+
+
+def test_clearance_is_that_of_the_nearest_of_many() -> None:
+    # A ring of pillars of radius 0.1 about the robot's middle, 0.9 m away; one, ahead, at 0.7: 0.7 − 0.1 − 0.215.
+    angles = [0.7 * k for k in range(1, 9)]
+    places = [(0.7, 0.0), *((0.9 * math.cos(a), 0.9 * math.sin(a)) for a in angles)]
+    pillars = tuple(Primitive(Shape.CYLINDER, (x, y, 0.5), (0.2, 0.2, 1.0), 0.0, (9, 9, 9)) for x, y in places)
+    world = World("ring", WORLD.bounds, WORLD.floor_colour, pillars[::-1])
+    with Physics(world, Pose2(0.0, 0.0, 0.0), RobotSpec()) as physics:
+        assert physics.clearance_m == pytest.approx(0.385, abs=0.005)
+
+
 def test_second_close_does_nothing() -> None:
     physics = Physics(WORLD, Pose2(0.0, 0.0, 0.0), RobotSpec())
     physics.close()
