@@ -42,6 +42,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_exo2ego(commands.add_parser("exo2ego", help="train the denoiser that imagines ego depth"))
     _add_policy(commands.add_parser("policy", help="train the navigation policy"))
     _add_export(commands.add_parser("export", help="write a model bundle and check it against PyTorch"))
+    _add_quality(commands.add_parser("quality", help="measure a bundle's imagined ego depth against the truth"))
+    _add_quality_encoder(commands.add_parser("quality-encoder", help="train the encoder that quality compares by"))
     return parser
 
 
@@ -98,6 +100,28 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder of the bundle")
     parser.add_argument("--report", type=Path, action="append", default=[], help="report.json for the manifest")
     parser.set_defaults(command=_export)
+
+
+def _add_quality(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--bundle", type=Path, help="folder of the bundle (default: the one the server comes with)")
+    parser.add_argument(
+        "--world",
+        default="random_pillar,bookstore,warehouse",
+        help="comma-separated names or paths of worlds (default: random_pillar,bookstore,warehouse)",
+    )
+    parser.add_argument("--images", type=int, default=5000, help="images of a world (default: 5000)")
+    parser.add_argument("--steps", type=int, help="diffusion steps (default: the bundle's)")
+    parser.add_argument("--seed", type=int, default=1000, help="of worlds, cameras and states (default: 1000)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
+    parser.add_argument("--out", type=Path, required=True, help="folder for report.json; a run there is continued")
+    parser.set_defaults(command=_quality)
+
+
+def _add_quality_encoder(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--out", type=Path, required=True, help="the ONNX file")
+    parser.add_argument("--steps", type=int, required=True, help="length of the run and of its schedule")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.set_defaults(command=_quality_encoder)
 
 
 def _synth(options: argparse.Namespace) -> int:
@@ -159,6 +183,35 @@ def _export(options: argparse.Namespace) -> int:
     differences = export_bundle(load_preset(options.preset), checkpoints, options.out, reports=options.report)
     for kind, difference in differences.items():
         print(f"{kind}: ONNX and PyTorch differ by at most {difference:.1e}")
+    return 0
+
+
+def _quality(options: argparse.Namespace) -> int:
+    from revnm_server.bundle import default_bundle_path
+    from revnm_training.quality.command import QualityConfig, measure_quality
+
+    config = QualityConfig(
+        bundle=options.bundle or default_bundle_path(),
+        worlds=tuple(dict.fromkeys(options.world.split(","))),
+        images=options.images,
+        steps=options.steps,
+        seed=options.seed,
+        jobs=options.jobs,
+        out=options.out,
+    )
+    measure_quality(config)
+    return 0
+
+
+def _quality_encoder(options: argparse.Namespace) -> int:
+    from revnm_server.bundle import file_sha256
+    from revnm_training.quality.encoder_training import train_encoder
+
+    difference = train_encoder(options.out, steps=options.steps, seed=options.seed)
+    if difference is None:
+        print("stopped: nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    print(f"{options.out}: sha256 {file_sha256(options.out)}, ONNX and PyTorch differ by at most {difference:.1e}")
     return 0
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from revnm_client.errors import FileError
 from revnm_client.geometry import FloatArray, Pose2
+from revnm_server.frame import RobotSighting
 from revnm_server.observation import (
     Image32,
     ImagePose,
@@ -79,16 +80,45 @@ def goal_pixel(camera: Camera, goal_m: FloatArray) -> FloatArray:
     return pixel
 
 
+class SceneRenderer:
+    """Renders exactly what there is to see in one world with one camera: the background is cast once."""
+
+    def __init__(self, world: World, camera: Camera, spec: ObservationSpec, *, robot: RobotSpec | None = None) -> None:
+        self._camera = camera
+        self._spec = spec
+        self._robot = robot or RobotSpec()
+        self._arrays = primitive_arrays(world.primitives)
+        self._background = cast_depth(self._arrays, camera, spec.disparity_hw)
+
+    def background(self) -> Image32:
+        """Return the disparity (h, w), 1/m, of the world without a robot."""
+        return disparity_from_depth(self._background)
+
+    def disparity(self, pose: Pose2) -> Image32:
+        """Return the disparity (h, w), 1/m, with a robot at ``world_from_robot``."""
+        body = robot_primitive(pose, self._robot)
+        return disparity_from_depth(overlay_depth(self._background, self._camera, body))
+
+    def sighting(self, pose: Pose2) -> RobotSighting:
+        """Return what a perfect tag detector reports of a robot at ``world_from_robot``."""
+        return see_robot(self._camera, pose, self._robot, robot="robot", stamp_ns=0)
+
+    def ego(self, pose: Pose2) -> Image32:
+        """Return the ego depth (ego_px, ego_px) in [−1, 1] of a robot at ``world_from_robot``."""
+        side = self._spec.ego_px
+        depth = cast_depth(self._arrays, ego_camera(pose, self._spec), (side, side))
+        return normalise_ego_depth(depth, self._spec)
+
+
 class EpisodeRenderer:
     """Renders the samples of one episode."""
 
     def __init__(self, episode: Episode, spec: ObservationSpec, *, robot: RobotSpec | None = None) -> None:
         self._episode = episode
         self._spec = spec
-        self._robot = robot or RobotSpec()
-        self._arrays = primitive_arrays(build_world(episode.family, episode.world_seed).primitives)
-        self._background = cast_depth(self._arrays, episode.camera, spec.disparity_hw)
-        self._low, self._high = np.percentile(disparity_from_depth(self._background), (2.0, 98.0))
+        world = build_world(episode.family, episode.world_seed)
+        self._scene = SceneRenderer(world, episode.camera, spec, robot=robot)
+        self._low, self._high = np.percentile(self._scene.background(), (2.0, 98.0))
 
     def sample(self, state: int, rng: np.random.Generator, disturbance: Disturbance | None) -> Sample:
         """Render a state.
@@ -109,7 +139,7 @@ class EpisodeRenderer:
         return Sample(
             exo=np.stack([exo_view(disparity, spec) for disparity in disparities]),
             crop=np.stack([crop_around(disparity, pose, aspect, spec) for disparity in disparities]),
-            ego=np.stack([self._ego(earlier) for earlier in poses]),
+            ego=np.stack([self._scene.ego(earlier) for earlier in poses]),
             robot=pose.p_rob,
             heading=pose.q_rel,
             goal=normalise_pixel(goal, size),
@@ -117,9 +147,7 @@ class EpisodeRenderer:
         )
 
     def _disparity(self, pose: Pose2, error: DisparityError | None, rng: np.random.Generator) -> Image32:
-        body = robot_primitive(pose, self._robot)
-        depth = overlay_depth(self._background, self._episode.camera, body)
-        disparity = disparity_from_depth(depth)
+        disparity = self._scene.disparity(pose)
         if error is not None:
             span = max(float(self._high - self._low), 1e-6)
             disparity = error.apply(((disparity - self._low) / span).astype(np.float32), rng)
@@ -127,7 +155,7 @@ class EpisodeRenderer:
 
     def _image_pose(self, pose: Pose2, rng: np.random.Generator, disturbance: Disturbance | None) -> ImagePose:
         camera = self._episode.camera
-        sighting = see_robot(camera, pose, self._robot, robot="robot", stamp_ns=0)
+        sighting = self._scene.sighting(pose)
         pixel, heading = sighting.pixel, sighting.heading
         if disturbance is not None:
             pixel = pixel + disturbance.pixel * camera.width_px * rng.standard_normal(2)
@@ -135,8 +163,3 @@ class EpisodeRenderer:
             c, s = math.cos(turn), math.sin(turn)
             heading = np.array([c * heading[0] - s * heading[1], s * heading[0] + c * heading[1]])
         return ImagePose(normalise_pixel(pixel, (camera.width_px, camera.height_px)), heading)
-
-    def _ego(self, pose: Pose2) -> Image32:
-        side = self._spec.ego_px
-        depth = cast_depth(self._arrays, ego_camera(pose, self._spec), (side, side))
-        return normalise_ego_depth(depth, self._spec)

@@ -1,0 +1,1 @@
+"""How good imagined ego depth is, against ray-cast truth."""

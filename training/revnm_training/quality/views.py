@@ -1,0 +1,155 @@
+"""Views to measure on: robot states seen by a camera, in evaluation worlds, with the truth from ray casting.
+
+States are drawn as for training, but only in evaluation seeds of a family or in fixed worlds, and by the benchmark's
+camera: 640 × 480, 120° wide. Disparity, robot pixel and heading are exact, nothing is augmented: what is measured is
+exo2ego alone. Imports neither torch nor PyBullet.
+
+Symbols: M views, N frames of history.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import joblib
+import numpy as np
+from tqdm import tqdm
+
+from revnm_client.errors import ContractError
+from revnm_client.geometry import FloatArray, Pose2
+from revnm_server.observation import (
+    Image32,
+    ImagePose,
+    ObservationSpec,
+    crops_around,
+    normalise_disparity,
+    normalise_pixel,
+)
+from revnm_sim.expert import Expert, UnreachableError
+from revnm_sim.generator import TRAINING_SEED_BASE
+from revnm_sim.placement import sample_camera
+from revnm_sim.robot import RobotSpec
+from revnm_sim.world import World
+from revnm_sim.worlds import named_site
+from revnm_training.samples import SceneRenderer
+from revnm_training.states import Scene, draw_goals, draw_history, draw_states, make_scene
+
+VIEWS_PER_CAMERA = 25
+CAMERAS_PER_BLOCK = 4
+_BLOCK = VIEWS_PER_CAMERA * CAMERAS_PER_BLOCK
+_GOALS = 2
+_STATES_PER_GOAL = 16
+_ATTEMPTS = 50
+_SIZE_PX = (640, 480)
+_HFOV_RAD = math.radians(120.0)
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One robot in one camera's picture.
+
+    Attributes:
+        pose: Where the robot is in the picture.
+        crops: (N, crop_px, crop_px) in [0, 1], oldest first, all cut around ``pose``.
+        ego: (ego_px, ego_px) in [−1, 1], what the robot sees in truth.
+    """
+
+    pose: ImagePose
+    crops: Image32
+    ego: Image32
+
+
+def make_views(world: str, spec: ObservationSpec, *, count: int, seed: int, jobs: int) -> list[View]:
+    """Make views of a world, 25 by each camera; a family gives another world every 100.
+
+    Args:
+        world: Name or path, see :func:`revnm_sim.worlds.named_site`.
+        spec: What is observed.
+        count: M.
+        seed: Of everything random.
+        jobs: Processes.
+
+    Raises:
+        ConfigError: No world has this name.
+        FileError: The world's file is malformed.
+        ContractError: The world has no place for a camera that sees a robot often enough.
+    """
+    named_site(world, 0)  # a wrong name is told before processes start
+    starts = range(0, count, _BLOCK)
+    tasks = (joblib.delayed(_block)(world, spec, seed, start // _BLOCK, min(_BLOCK, count - start)) for start in starts)
+    views: list[View] = []
+    with tqdm(total=count, desc=f"render {world}", unit=" views") as bar:
+        for part in joblib.Parallel(n_jobs=jobs, return_as="generator", batch_size=1)(tasks):
+            views += part
+            bar.update(len(part))
+    return views
+
+
+def evaluation_seed(sequence: np.random.SeedSequence) -> int:
+    """Return the seed of a world that no training has seen."""
+    return int(sequence.generate_state(1)[0]) % TRAINING_SEED_BASE
+
+
+def _block(world: str, spec: ObservationSpec, seed: int, number: int, count: int) -> list[View]:
+    failure: ContractError | None = None
+    for attempt in range(_ATTEMPTS):
+        sequence = np.random.SeedSequence([seed, number, attempt])
+        site, rng = named_site(world, evaluation_seed(sequence)), np.random.default_rng(sequence)
+        try:
+            return _world_views(site.world, spec, count, rng)
+        except ContractError as error:
+            failure = error
+    raise ContractError(f"world {world!r}: no views in {_ATTEMPTS} attempts; the last: {failure}")
+
+
+def _world_views(world: World, spec: ObservationSpec, count: int, rng: np.random.Generator) -> list[View]:
+    """Return ``count`` views of a world.
+
+    Raises:
+        ContractError: Cameras see too little.
+    """
+    expert = Expert(world)
+    views: list[View] = []
+    for _ in range(2 * CAMERAS_PER_BLOCK):
+        if len(views) < count:
+            views += _camera_views(world, spec, expert, rng)
+    if len(views) < count:
+        raise ContractError(f"world {world.name!r}: cameras see {len(views)} of {count} states")
+    return views[:count]
+
+
+def _camera_views(world: World, spec: ObservationSpec, expert: Expert, rng: np.random.Generator) -> list[View]:
+    """Return up to 25 views by one camera."""
+    width, height = _SIZE_PX
+    camera = sample_camera(world, rng, width_px=width, height_px=height, hfov_rad=_HFOV_RAD)
+    scene = make_scene(world, camera, expert.grid, RobotSpec(), rng)
+    renderer = SceneRenderer(world, camera, spec)
+    poses = rng.permutation(_states(scene, expert, rng))[:VIEWS_PER_CAMERA]
+    return [_view(renderer, spec, _past(scene, spec, Pose2(*pose), rng)) for pose in poses]
+
+
+def _states(scene: Scene, expert: Expert, rng: np.random.Generator) -> FloatArray:
+    """Return poses (S, 3) drawn as for training: beside the expert's way, anywhere, and near obstacles."""
+    poses = [np.empty((0, 3))]
+    for goal in draw_goals(scene, _GOALS, rng):
+        try:
+            field = expert.field(goal)
+        except UnreachableError:
+            continue
+        poses.append(draw_states(scene, field, _STATES_PER_GOAL, rng)[0])
+    return np.concatenate(poses)
+
+
+def _past(scene: Scene, spec: ObservationSpec, pose: Pose2, rng: np.random.Generator) -> list[Pose2]:
+    past = draw_history(scene, pose, frames=spec.history, interval_s=spec.history_interval_s, rng=rng)
+    return [Pose2(*earlier) for earlier in past]
+
+
+def _view(renderer: SceneRenderer, spec: ObservationSpec, past: Sequence[Pose2]) -> View:
+    sighting = renderer.sighting(past[-1])
+    pose = ImagePose(normalise_pixel(sighting.pixel, _SIZE_PX), sighting.heading)
+    disparities = np.stack([normalise_disparity(renderer.disparity(earlier)) for earlier in past])
+    crops = crops_around(disparities, pose, _SIZE_PX[0] / _SIZE_PX[1], spec)
+    return View(pose, crops, renderer.ego(past[-1]))
