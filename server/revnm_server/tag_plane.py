@@ -15,6 +15,7 @@ from revnm_client.geometry import FloatArray, Pose2
 from revnm_server.frame import RobotSighting
 
 _SMALLEST_DEPTH = 0.05  # of the tag's own: what lies nearer to the horizon is not drawn
+_LEAST_NEARNESS = 1e-6  # of the tag's own, which is 1: the horizon's is 0
 _FORWARD_M = 1e-3
 
 
@@ -45,6 +46,19 @@ class TagPlane:
         visible = points[:, 2] / self._picture_from_robot[2, 2] > _SMALLEST_DEPTH
         depth = np.where(visible, points[:, 2], 1.0)
         return np.asarray(points[:, :2] / depth[:, None]), np.asarray(visible)
+
+    def locate(self, pixels: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return where on the plane pixels (M, 2) lie: the inverse of :meth:`project`.
+
+        Returns:
+            Points (M, 2), metres, in the robot's frame at the sighting, and which of them (M,) are valid; the pixels
+            of the others lie on or above the horizon, or too near to the camera, and their points are meaningless.
+        """
+        points = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(self._picture_from_robot).T
+        nearness = points[:, 2] * self._picture_from_robot[2, 2]  # 1 at the tag, 0 at the horizon
+        valid = (nearness > _LEAST_NEARNESS) & (nearness < 1.0 / _SMALLEST_DEPTH)
+        scale = np.where(valid, points[:, 2], 1.0)
+        return np.asarray(points[:, :2] / scale[:, None]), np.asarray(valid)
 
     def carry(self, seen_from_now: Pose2, *, stamp_ns: int) -> RobotSighting | None:
         """Return where a robot that is hidden now would be seen, by its odometry since the sighting.

@@ -41,6 +41,20 @@ def test_points_around_the_robot_lie_where_the_camera_sees_them() -> None:
     np.testing.assert_allclose(pixels, pinhole(SEEN_AT.apply(points)), atol=0.05)
 
 
+def test_pixels_lie_on_the_plane_where_the_camera_sees_them() -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, -1.5], [-1.0, 2.0]])
+    located, valid = TagPlane(sighting(SEEN_AT), tag_size_m=TAG_M).locate(pinhole(SEEN_AT.apply(points)))
+    assert valid.all()
+    np.testing.assert_allclose(located, points, atol=2e-3)
+
+
+def test_pixels_on_and_above_the_horizon_lie_nowhere() -> None:
+    horizon = 240.0 - 400.0 * math.tan(math.radians(30.0))
+    pixels = np.array([[320.0, horizon + 5.0], [320.0, horizon - 5.0], [100.0, horizon - 200.0]])
+    _, valid = TagPlane(sighting(SEEN_AT), tag_size_m=TAG_M).locate(pixels)
+    assert valid.tolist() == [True, False, False]
+
+
 def test_a_hidden_robot_is_carried_by_its_odometry() -> None:
     now = Pose2(5.2, -0.6, -0.4)
     carried = TagPlane(sighting(SEEN_AT), tag_size_m=TAG_M).carry(SEEN_AT.inverse() @ now, stamp_ns=7)

@@ -10,9 +10,11 @@ import pytest
 
 from revnm_client.geometry import Pose2
 from revnm_client.messages import Velocity
+from revnm_server.tag_plane import TagPlane
 from revnm_sim.bench.image_plan import ImageGrid, ImageRoute, find_path, look_ahead, see_floor
 from revnm_sim.bench.methods import METHODS, MethodContext
 from revnm_sim.bench.methods.ibvs import by_image_angles, free_by_pixels, goal_pixel, heading_scale
+from revnm_sim.bench.row_scale import RowScale, free_by_metres
 from revnm_sim.bench.trial import Trial, TrialKey, TrialResult
 from revnm_sim.camera import Camera
 from revnm_sim.expert import Expert
@@ -147,17 +149,77 @@ def test_under_an_oblique_camera_image_angles_are_wrong() -> None:
     assert abs(math.atan2(point[1], point[0]) + math.pi / 4.0) > math.radians(10.0)
 
 
+# By the tag's scale.
+
+
+def scale_from(camera: Camera, *places: tuple[float, float]) -> RowScale:
+    robot, scale = RobotSpec(), RowScale(tag_height_m=RobotSpec().top_m)
+    for x, y in places:
+        sighting = see_robot(camera, Pose2(x, y, 0.7), robot, robot="rover", stamp_ns=0)
+        scale.add(TagPlane(sighting, tag_size_m=robot.tag_m))
+    return scale
+
+
+def test_the_scale_of_every_row_is_learnt_from_two() -> None:
+    scale = scale_from(OBLIQUE, (-1.5, 0.5), (1.5, -0.5))
+    for x in (-1.0, 0.0, 3.0):
+        place = np.array([[x, 0.0, 0.0], [x, 0.1, 0.0], [x, -0.1, 0.0], [x + 0.1, 0.0, 0.0], [x - 0.1, 0.0, 0.0]])
+        pixels, _ = OBLIQUE.project(place)
+        across, away = (np.linalg.norm(pixels[i] - pixels[i + 1]) / 0.2 for i in (1, 3))
+        assert scale.across(pixels[0, 1]) == pytest.approx(across, rel=0.08)  # the tag is nearer than its floor
+        assert scale.away(pixels[0, 1]) == pytest.approx(away, rel=0.12)
+
+
+def test_before_two_rows_the_scale_is_the_tag_s_everywhere() -> None:
+    scale = scale_from(OBLIQUE, (0.0, 0.5), (0.0, -0.5))
+    assert scale.across(np.array([100.0, 400.0])) == pytest.approx([scale.across(np.array(200.0))] * 2)
+
+
+def test_the_foot_is_the_floor_under_the_tag() -> None:
+    scale = scale_from(OBLIQUE, (2.0, 0.0), (0.0, 0.0))
+    tag, _ = OBLIQUE.project(np.array([0.0, 0.0, RobotSpec().top_m]))
+    foot = OBLIQUE.floor_point(scale.foot(tag))
+    assert foot is not None
+    np.testing.assert_allclose(foot, [0.0, 0.0], atol=0.06)
+    np.testing.assert_allclose(scale.lift(scale.foot(tag)[None])[0], tag, atol=0.5)
+
+
+def test_the_margin_grows_with_the_row() -> None:
+    # A bar from the top to the bottom of the picture: on each row as many free cells are lost as the radius is wide.
+    scale, grid = scale_from(OBLIQUE, (-1.5, 0.5), (1.5, -0.5)), ImageGrid(OBLIQUE)
+    floor = np.ones(grid.shape, dtype=bool)
+    floor[:, 160] = False
+    free = free_by_metres(floor, grid, scale, radius_m=0.25)
+    lost = (~free).sum(axis=1)
+    rows = np.array([80, 120, 200])
+    np.testing.assert_allclose(lost[rows], 0.5 * scale.across(grid.rows_px()[rows]) / grid.cell_px, atol=1.01)
+    assert lost[80] < lost[120] < lost[200]
+
+
+def test_the_margin_of_a_spot_is_the_disc_s_picture() -> None:
+    scale, grid = scale_from(OBLIQUE, (-1.5, 0.5), (1.5, -0.5)), ImageGrid(OBLIQUE)
+    floor = np.ones(grid.shape, dtype=bool)
+    floor[120, 160] = False
+    free = free_by_metres(floor, grid, scale, radius_m=0.5)
+    spot = OBLIQUE.floor_point(grid.pixels(np.array([120.0, 160.0])))
+    assert spot is not None
+    near, _ = OBLIQUE.project(np.array([[spot[0] + 0.4, 0.0, 0.0], [spot[0] - 0.4, 0.0, 0.0]]))
+    far, _ = OBLIQUE.project(np.array([[spot[0] + 0.7, 0.0, 0.0], [spot[0] - 0.7, 0.0, 0.0]]))
+    assert not any(free[tuple(cell)] for cell in np.round(grid.cells(near)).astype(int))
+    assert all(free[tuple(cell)] for cell in np.round(grid.cells(far)).astype(int))
+
+
 # Trials.
 
 
-@pytest.mark.parametrize("method", ["ibvs"])
+@pytest.mark.parametrize("method", ["ibvs", "ibvs_scale"])
 def test_a_free_way_is_driven(method: str) -> None:
     result = trial(scenario(camera=OBLIQUE), method)
     assert result.success
     assert result == trial(scenario(camera=OBLIQUE), method)
 
 
-@pytest.mark.parametrize("method", ["ibvs"])
+@pytest.mark.parametrize("method", ["ibvs", "ibvs_scale"])
 def test_waypoints_lead_to_the_gap_or_where_there_is_none_to_the_goal(method: str) -> None:
     through = first_waypoints(scenario(*WALL_WITH_GAP), method)
     assert through[-1, 1] > 0.8  # the gap begins at (1.5, 1.2) in the robot's frame
@@ -166,7 +228,7 @@ def test_waypoints_lead_to_the_gap_or_where_there_is_none_to_the_goal(method: st
     assert (np.diff(direct[:, 0]) > 0.3).all()
 
 
-@pytest.mark.parametrize("method", ["ibvs"])
+@pytest.mark.parametrize("method", ["ibvs", "ibvs_scale"])
 def test_a_hidden_robot_keeps_its_last_sighting(method: str) -> None:
     # Seen from the camera the robot passes behind a post once it is 0.6 m on its way.
     place = scenario(box(-2.6, -0.25, (0.1, 0.3, 2.5)), camera=OBLIQUE)

@@ -7,12 +7,19 @@ from types import MappingProxyType
 
 from revnm_sim.bench.methods.expert import ExpertMethod
 from revnm_sim.bench.methods.ibvs import IbvsMethod
+from revnm_sim.bench.methods.ibvs_scale import IbvsScaleMethod
 from revnm_sim.bench.methods.method import Method, MethodContext, Perception
 from revnm_sim.bench.methods.revnm import RevnmMethod
 from revnm_sim.bench.methods.straight import StraightMethod
 
 METHODS: MappingProxyType[str, Callable[[MethodContext], Method]] = MappingProxyType(
-    {"revnm": RevnmMethod, "ibvs": IbvsMethod, "straight": StraightMethod, "expert": ExpertMethod}
+    {
+        "revnm": RevnmMethod,
+        "ibvs": IbvsMethod,
+        "ibvs_scale": IbvsScaleMethod,
+        "straight": StraightMethod,
+        "expert": ExpertMethod,
+    }
 )
 
 WITH_MODELS = frozenset({"revnm"})
