@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -172,7 +173,8 @@ def test_the_scale_of_every_row_is_learnt_from_two() -> None:
 
 def test_before_two_rows_the_scale_is_the_tag_s_everywhere() -> None:
     scale = scale_from(OBLIQUE, (0.0, 0.5), (0.0, -0.5))
-    assert scale.across(np.array([100.0, 400.0])) == pytest.approx([scale.across(np.array(200.0))] * 2)
+    high, middle, low = scale.across(np.array([100.0, 200.0, 400.0]))
+    assert high == middle == low > 0.0
 
 
 def test_the_foot_is_the_floor_under_the_tag() -> None:
@@ -230,7 +232,7 @@ def test_waypoints_lead_to_the_gap_or_where_there_is_none_to_the_goal(method: st
 
 @pytest.mark.parametrize("method", ["ibvs", "ibvs_scale"])
 def test_a_hidden_robot_keeps_its_last_sighting(method: str) -> None:
-    # Seen from the camera the robot passes behind a post once it is 0.6 m on its way.
+    # The robot turns as it drives, so that fresh waypoints change in its frame; then it passes behind a post.
     place = scenario(box(-2.6, -0.25, (0.1, 0.3, 2.5)), camera=OBLIQUE)
     tags = primitive_arrays(place.world.obstacles)
     with Simulation(place, place.seed) as simulation:
@@ -239,12 +241,13 @@ def test_a_hidden_robot_keeps_its_last_sighting(method: str) -> None:
         for _ in range(13):
             waypoints, pose = servo.waypoints(), simulation.true_pose
             assert waypoints is not None
-            told.append((bool(tag_seen(tags, OBLIQUE, np.array([[pose.x_m, pose.y_m]]), place.robot)[0]), waypoints))
-            simulation.command(Velocity(0.5, 0.0))
+            seen = tag_seen(tags, OBLIQUE, np.array([[pose.x_m, pose.y_m]]), place.robot)[0]
+            told.append((bool(seen), pose.yaw_rad, waypoints))
+            simulation.command(Velocity(0.5, 0.4))
             simulation.advance(0.2)
-    hidden = [waypoints for seen, waypoints in told if not seen]
-    last_seen = next(waypoints for seen, waypoints in reversed(told[:-2]) if seen)
-    assert told[0][0]
-    assert len(hidden) >= 2
-    for waypoints in hidden:
-        np.testing.assert_allclose(waypoints, last_seen, atol=0.05)  # but for a new plan from the same place
+    first = [seen for seen, _, _ in told].index(False)
+    _, seen_yaw, last_seen = told[first - 1]
+    hidden = list(itertools.takewhile(lambda entry: not entry[0], told[first:]))
+    assert hidden[-1][1] - seen_yaw > 0.2  # 2 m ahead a fresh waypoint would have moved by 0.4 m
+    for _, _, waypoints in hidden:
+        np.testing.assert_allclose(waypoints, last_seen, atol=0.02)

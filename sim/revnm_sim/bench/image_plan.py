@@ -122,7 +122,6 @@ class ImageRoute:
         self._grid, self._goal_px = grid, goal_px
         self._path: FloatArray | None = None
         self._due_ns = -math.inf
-        self.found = False
 
     def path(self, now_ns: int, start_px: FloatArray, free: Callable[[], BoolArray], *, reach_px: float) -> FloatArray:
         """Return the way, pixels (N ≥ 2, 2).
@@ -136,7 +135,6 @@ class ImageRoute:
         if self._path is None or now_ns >= self._due_ns:
             self._due_ns = now_ns + REPLAN_NS
             found = find_path(free(), self._grid, start_px, self._goal_px, reach_px=reach_px)
-            self.found = found is not None
             self._path = np.stack([start_px, self._goal_px]) if found is None else found
         return self._path
 

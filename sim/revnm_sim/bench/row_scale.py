@@ -62,7 +62,7 @@ class RowScale:
 
     def foot(self, tag_px: FloatArray) -> FloatArray:
         """Return the pixel (2,) of the floor under the tag last added: as many pixels lower as its height is wide."""
-        return tag_px + np.array([0.0, self._height_m * self._seen[-1][1]])
+        return np.asarray(tag_px + np.array([0.0, self._height_m * self._seen[-1][1]]))
 
     def lift(self, pixels: FloatArray) -> FloatArray:
         """Return the pixels (M, 2) at the tag's height over pixels (M, 2) of the floor; the inverse of :meth:`foot`."""

@@ -3,8 +3,9 @@
 The paper segments the floor with SAM 3. Here the simulator gives the exact floor, and rugs count as floor, so this is
 an upper bound of that baseline. Its margin is a number of pixels, whatever they are in metres, and an angle in the
 picture is taken for an angle on the floor: both are exact under a camera that looks straight down, and wrong under an
-oblique one, as the paper says. The search finds the optimum that A* finds. The robot's pose in the picture is the one
-that all methods get (:mod:`revnm_sim.bench.methods.pose`).
+oblique one, as the paper says. The search finds the shortest way, as A* does, but is not bound to a grid's eight
+directions. The robot's pose in the picture is the one that all methods get
+(:mod:`revnm_sim.bench.methods.pose`).
 """
 
 from __future__ import annotations
