@@ -11,12 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from revnm_client.geometry import FloatArray, Pose2
+from revnm_client.geometry import FloatArray
 from revnm_server.frame import RobotSighting
 
 _SMALLEST_DEPTH = 0.05  # of the tag's own: what lies nearer to the horizon is not drawn
 _LEAST_NEARNESS = 1e-6  # of the tag's own, which is 1: the horizon's is 0
-_FORWARD_M = 1e-3
 
 
 class TagPlane:
@@ -29,11 +28,10 @@ class TagPlane:
             sighting: Where the tag's corners are.
             tag_size_m: Side of the tag's black border.
         """
-        self._sighting = sighting
         half = 0.5 * tag_size_m
-        self._corners_m = np.array([[half, half], [half, -half], [-half, -half], [-half, half]])
+        corners_m = np.array([[half, half], [half, -half], [-half, -half], [-half, half]])
         self._picture_from_robot = cv2.getPerspectiveTransform(
-            self._corners_m.astype(np.float32), sighting.corners.astype(np.float32)
+            corners_m.astype(np.float32), sighting.corners.astype(np.float32)
         )
 
     def project(self, points_m: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -59,20 +57,3 @@ class TagPlane:
         valid = (nearness > _LEAST_NEARNESS) & (nearness < 1.0 / _SMALLEST_DEPTH)
         scale = np.where(valid, points[:, 2], 1.0)
         return np.asarray(points[:, :2] / scale[:, None]), np.asarray(valid)
-
-    def carry(self, seen_from_now: Pose2, *, stamp_ns: int) -> RobotSighting | None:
-        """Return where a robot that is hidden now would be seen, by its odometry since the sighting.
-
-        Args:
-            seen_from_now: The robot's pose now in its frame at the sighting.
-            stamp_ns: Time of the new sighting.
-
-        Returns:
-            The sighting, or None where the robot would be on the plane's other side.
-        """
-        middle = np.array([[0.0, 0.0], [_FORWARD_M, 0.0]])
-        pixels, visible = self.project(seen_from_now.apply(np.concatenate([middle, self._corners_m])))
-        if not visible.all():
-            return None
-        step = pixels[1] - pixels[0]
-        return RobotSighting(self._sighting.robot, stamp_ns, pixels[0], step / np.linalg.norm(step), pixels[2:])

@@ -65,13 +65,25 @@ class Expert:
         Raises:
             UnreachableError: The goal is in an obstacle or outside the world.
         """
+        return self._field(goal_m, self._cost)
+
+    def shortest(self, goal_m: tuple[float, float] | FloatArray) -> CostToGo:
+        """Return the same where all floor on which the robot's inscribed circle fits costs alike: geodesic lengths.
+
+        Raises:
+            UnreachableError: The goal is in an obstacle or outside the world.
+        """
+        fits = self.grid.distance_m > INSCRIBED_M
+        return self._field(goal_m, np.where(fits, self.grid.resolution_m, self._cost))
+
+    def _field(self, goal_m: tuple[float, float] | FloatArray, costs: FloatArray) -> CostToGo:
         goal = np.asarray(goal_m, dtype=np.float64)
         clearance = float(self.grid.clearance_m(goal))
         if clearance <= 0.0:
             raise UnreachableError(f"goal ({goal[0]:.2f}, {goal[1]:.2f}) m is in an obstacle or outside the world")
         cells = _cells(self.grid, goal)
         region = self._region[round(cells[0]), round(cells[1])]
-        cost = np.where(self._region == region, self._cost, np.inf)
+        cost = np.where(self._region == region, costs, np.inf)
         scale = self.grid.resolution_m
         seed_m = min(_SEED_M[1], max(_SEED_M[0], clearance - _INFLATION_M))
         seed_m = max(1.5 * scale, min(seed_m, clearance - scale))

@@ -16,6 +16,7 @@ from revnm_sim.raycast import visible
 from revnm_sim.world import Bounds, PrimitiveArrays, Shape, World, primitive_arrays
 
 _TRIES = 40
+_TRIES_FOR_POINTS = 400
 _GOOD_SHARE = 0.5  # a view of this much of the free floor is taken at once
 _LEAST_SHARE = 0.25  # the best of all tries must see this much
 _CELL_M = 0.4
@@ -34,10 +35,12 @@ def sample_camera(
     hfov_rad: float,
     height_range_m: tuple[float, float] = (1.8, 4.0),
     pitch_range_rad: tuple[float, float] = (math.radians(15.0), math.radians(50.0)),
+    points_m: FloatArray | None = None,
 ) -> Camera:
-    """Draw a remote camera that sees much of the free floor.
+    """Draw a remote camera that sees much of the free floor, and all of the points that it must see.
 
-    The first of 40 draws that sees half of the free floor is taken, else the one that sees most.
+    The first of 40 draws (400 if there are points) that sees half of the free floor is taken, else the one that sees
+    most.
 
     Args:
         world: The room.
@@ -47,18 +50,22 @@ def sample_camera(
         hfov_rad: Horizontal field of view.
         height_range_m: Height over the floor.
         pitch_range_rad: How far the view is bent down.
+        points_m: (M, 3), what the camera must see, world frame.
 
     Raises:
-        ContractError: No draw is clear of the obstacles and sees a quarter of the free floor.
+        ContractError: No draw is clear of the obstacles and sees a quarter of the free floor and the points.
     """
     arrays = primitive_arrays(world.obstacles)
     floor = _free_floor(world.bounds, arrays)
     best, best_share = None, 0.0
-    for _ in range(_TRIES if len(floor) else 0):
+    tries = _TRIES if points_m is None else _TRIES_FOR_POINTS
+    for _ in range(tries if len(floor) else 0):
         position, yaw = _beside_wall(world.bounds, rng)
         point = (*position, rng.uniform(*height_range_m))
         camera = Camera(width_px, height_px, hfov_rad, point, yaw, rng.uniform(*pitch_range_rad))
         if distances_m(arrays, np.array([point])).min(initial=math.inf) < _CLEAR_M:
+            continue
+        if points_m is not None and not visible(arrays, camera, points_m).all():
             continue
         if camera.inside(*camera.project(floor)).mean() <= best_share:
             continue  # what is in the picture bounds what is visible, and costs less to know
@@ -69,8 +76,9 @@ def sample_camera(
             break
     if best is None or best_share < _LEAST_SHARE:
         raise ContractError(
-            f"world {world.name!r}: none of {_TRIES} camera poses is clear of the obstacles and sees "
-            f"{_LEAST_SHARE:.0%} of the {len(floor)} free floor cells; the best sees {best_share:.0%}"
+            f"world {world.name!r}: none of {tries} camera poses is clear of the obstacles and sees "
+            f"{'' if points_m is None else 'start and goal and '}{_LEAST_SHARE:.0%} of the {len(floor)} free floor "
+            f"cells; the best sees {best_share:.0%}"
         )
     return best
 

@@ -6,6 +6,7 @@ Must not import PyBullet: training draws its pairs here too.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,18 +16,18 @@ from revnm_client.errors import ContractError
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_sim.camera import Camera
 from revnm_sim.expert import INSCRIBED_M, CostToGo, Expert
-from revnm_sim.generator import TRAINING_SEED_BASE, demo_room
+from revnm_sim.generator import demo_room
 from revnm_sim.occupancy import OccupancyGrid
-from revnm_sim.placement import sample_camera
 from revnm_sim.raycast import visible
 from revnm_sim.robot import RobotSpec
+from revnm_sim.site import GOAL_RADIUS_M, Pair
 from revnm_sim.world import PrimitiveArrays, World, primitive_arrays
-from revnm_sim.worlds import named_site
 
 _CLEARANCE_M = 0.35
 _LONGEST_WAY_M = 20.0  # 40 s at full speed
 _PLACES = 400
 _ATTEMPTS = 50
+_GOALS = 25
 _STARTS_PER_GOAL = 4
 _TAG_LEAST_PX = 20.0
 _DEMO_BORDER_PX = 40.0
@@ -45,6 +46,7 @@ class Scenario:
         start: ``world_from_robot`` at the beginning.
         goal_m: (x, y) on the floor.
         seed: For everything random in the trial: sensor noise, drift, controller.
+        goal_radius_m: So near to the goal the robot has arrived.
         robot: The robot, with its tag.
     """
 
@@ -53,49 +55,57 @@ class Scenario:
     start: Pose2
     goal_m: tuple[float, float]
     seed: int
+    goal_radius_m: float = GOAL_RADIUS_M
     robot: RobotSpec = field(default_factory=RobotSpec)
 
 
 def sample_pair(
     world: World,
-    camera: Camera,
     expert: Expert,
     rng: np.random.Generator,
     *,
+    detour_m: float,
+    cameras: Sequence[Camera] = (),
     distance_m: tuple[float, float] = (5.0, 10.0),
-    blocked: bool = True,
-) -> tuple[Pose2, tuple[float, float]] | None:
-    """Draw a start, of any heading, and a goal that the robot can reach from there.
-
-    Both are clear of obstacles and seen by the camera: the floor of the goal, the tag on a robot at the start.
+) -> Pair | None:
+    """Draw a start, of any heading, and a goal that the robot can reach from there, both clear of obstacles.
 
     Args:
-        world: What the camera looks into.
-        camera: The remote camera.
+        world: Where.
         expert: Of the same world.
         rng: Decides the draws.
+        detour_m: The straight way must be blocked, and the shortest one so much longer; 0 takes pairs as they come.
+        cameras: Each of them must see the tag on a robot at the start, and the floor of the goal.
         distance_m: Least and greatest distance between the two.
-        blocked: Whether something must stand in the straight way; else the way is as it comes.
 
     Returns:
-        Start and goal, or None if this camera and world have no such pair.
+        The pair, or None if this draw found none.
     """
-    robot = RobotSpec()
-    places = free_places(expert.grid, rng, count=_PLACES)
+    starts = goals = free_places(expert.grid, rng, count=_PLACES)
     arrays = primitive_arrays(world.obstacles)
-    starts = places[tag_seen(arrays, camera, places, robot)]
-    goals = places[visible(arrays, camera, _at_height(places, 0.0))]
-    for goal in goals[:_ATTEMPTS]:
+    for camera in cameras:
+        starts = starts[tag_seen(arrays, camera, starts, RobotSpec())]
+        goals = goals[visible(arrays, camera, at_height(goals, 0.0))]
+    for goal in goals[:_GOALS]:
         fitting = starts[_apart(starts, goal, distance_m)]
-        if blocked:
+        if detour_m > 0.0:
             fitting = fitting[segment_blocked(expert.grid, fitting, goal)]
         if not len(fitting):
             continue
         to_goal = expert.field(goal)
-        for start in fitting[to_goal.reachable(fitting)][:_STARTS_PER_GOAL]:
+        fitting = fitting[to_goal.reachable(fitting)]
+        if detour_m > 0.0:
+            fitting = fitting[_detours_m(expert.shortest(goal), fitting) >= detour_m]
+        for start in fitting[:_STARTS_PER_GOAL]:
             if _drivable(to_goal, to_goal.path(start)):
                 return _pair(start, goal, rng)
     return None
+
+
+def _detours_m(shortest: CostToGo, starts_m: FloatArray) -> FloatArray:
+    """Return how much longer than the straight way the shortest way from starts (M, 2) to the goal is, (M,)."""
+    lengths: list[float] = [shortest.length_m(start) for start in starts_m]
+    return np.asarray(np.array(lengths) - np.hypot(*(starts_m - shortest.goal_m).T))
 
 
 def free_places(grid: OccupancyGrid, rng: np.random.Generator, *, count: int) -> FloatArray:
@@ -114,10 +124,15 @@ def segment_blocked(grid: OccupancyGrid, starts_m: FloatArray, goal_m: FloatArra
 
 def tag_seen(arrays: PrimitiveArrays, camera: Camera, places_m: FloatArray, robot: RobotSpec) -> BoolArray:
     """Return at which places (M, 2) the camera sees the middle of a robot's tag and the circle of its corners."""
+    points = tag_points(places_m, robot)  # (M, 5, 3)
+    return np.asarray(visible(arrays, camera, points.reshape(-1, 3)).reshape(points.shape[:2]).all(axis=1))
+
+
+def tag_points(places_m: FloatArray, robot: RobotSpec) -> FloatArray:
+    """Return (M, 5, 3), metres: the middle of the tag at places (M, 2), and four points of its corners' circle."""
     reach = robot.tag_m / math.sqrt(2.0)
     offsets = np.array([[0.0, 0.0], [reach, 0.0], [-reach, 0.0], [0.0, reach], [0.0, -reach]])
-    points = _at_height(places_m[:, None] + offsets, robot.top_m)  # (M, 5, 3)
-    return np.asarray(visible(arrays, camera, points.reshape(-1, 3)).reshape(-1, len(offsets)).all(axis=1))
+    return at_height(places_m[:, None] + offsets, robot.top_m)
 
 
 def tag_side_px(camera: Camera, places_m: FloatArray, robot: RobotSpec) -> FloatArray:
@@ -126,33 +141,9 @@ def tag_side_px(camera: Camera, places_m: FloatArray, robot: RobotSpec) -> Float
     for yaw in (0.0, math.pi / 4.0):
         half = robot.tag_m / 2.0
         corners = Pose2(0.0, 0.0, yaw).apply(half * np.array([[1.0, 1], [1, -1], [-1, -1], [-1, 1]]))
-        pixels, _ = camera.project(_at_height(places_m[:, None] + corners, robot.top_m))  # (M, 4, 2)
+        pixels, _ = camera.project(at_height(places_m[:, None] + corners, robot.top_m))  # (M, 4, 2)
         sides.append(np.linalg.norm(pixels - np.roll(pixels, 1, axis=1), axis=2).mean(axis=1))
     return np.asarray(np.minimum(*sides))
-
-
-def benchmark_scenario(world_name: str, *, seed: int, index: int) -> Scenario:
-    """Return trial ``index`` of a benchmark: 640 × 480, 120°, the straight way blocked, a world of its own.
-
-    World seeds are evaluation seeds: no training world is among them.
-
-    Raises:
-        ConfigError: No world has this name.
-        FileError: The world's file is malformed.
-        ContractError: The world has no place for a camera that sees a pair.
-    """
-    for attempt in range(_ATTEMPTS):
-        sequence = np.random.SeedSequence([seed, index, attempt])
-        world_seed = int(sequence.generate_state(1)[0]) % TRAINING_SEED_BASE
-        world, rng = named_site(world_name, world_seed).world, np.random.default_rng(sequence)
-        try:
-            camera = sample_camera(world, rng, width_px=640, height_px=480, hfov_rad=math.radians(120.0))
-        except ContractError:
-            continue
-        pair = sample_pair(world, camera, Expert(world), rng)
-        if pair is not None:
-            return Scenario(world, camera, *pair, seed=int(rng.integers(2**31)))
-    raise ContractError(f"world {world_name!r}, seed {seed}, index {index}: no camera sees a start and a goal")
 
 
 def demo_scenario(seed: int) -> Scenario:
@@ -173,7 +164,7 @@ def demo_scenario(seed: int) -> Scenario:
         seen = places[tag_seen(arrays, camera, places, robot)]
         if len(seen) < _DEMO_SEEN_SHARE * len(places) or tag_side_px(camera, seen, robot).min() < _TAG_LEAST_PX:
             continue
-        pixels, _ = camera.project(_at_height(seen, robot.top_m))
+        pixels, _ = camera.project(at_height(seen, robot.top_m))
         edge = np.minimum(pixels, np.array([camera.width_px, camera.height_px]) - pixels).min(axis=1)
         central = seen[edge >= _DEMO_BORDER_PX]
         for goal in central[:_STARTS_PER_GOAL]:
@@ -212,11 +203,11 @@ def _drivable(to_goal: CostToGo, way_m: FloatArray) -> bool:
     return length <= _LONGEST_WAY_M and float(to_goal.grid.clearance_m(way_m).min()) > INSCRIBED_M
 
 
-def _pair(start: FloatArray, goal: FloatArray, rng: np.random.Generator) -> tuple[Pose2, tuple[float, float]]:
+def _pair(start: FloatArray, goal: FloatArray, rng: np.random.Generator) -> Pair:
     heading = rng.uniform(-math.pi, math.pi)
-    return Pose2(float(start[0]), float(start[1]), heading), (float(goal[0]), float(goal[1]))
+    return Pair(Pose2(float(start[0]), float(start[1]), heading), (float(goal[0]), float(goal[1])))
 
 
-def _at_height(points_m: FloatArray, height_m: float) -> FloatArray:
+def at_height(points_m: FloatArray, height_m: float) -> FloatArray:
     """Append a height to points (..., 2)."""
     return np.concatenate([points_m, np.full((*points_m.shape[:-1], 1), height_m)], axis=-1)

@@ -13,6 +13,7 @@ from revnm_sim.camera import Camera
 from revnm_sim.world import World
 
 GOAL_RADIUS_M = 0.5
+DETOUR_M = 0.25
 
 
 class Pair(NamedTuple):
@@ -36,6 +37,7 @@ class Site:
         where: Where the world comes from, for errors about the whole: ``shop.yaml:4: bounds``, or
             ``world random_pillar, seed 5``.
         goal_radius_m: So near to the goal the robot has arrived.
+        detour_m: Of drawn pairs whose straight way is blocked, the shortest way is at least so much longer.
         cameras: The remote cameras; empty where they are drawn.
         pairs: Starts and goals; empty where they are drawn.
         file_sha256: Of the world file, in hexadecimal; empty for generated worlds.
@@ -44,6 +46,7 @@ class Site:
     world: World
     where: str
     goal_radius_m: float = GOAL_RADIUS_M
+    detour_m: float = DETOUR_M
     cameras: tuple[Camera, ...] = ()
     pairs: tuple[Pair, ...] = ()
     file_sha256: str = ""

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from revnm_client.errors import FileError
 from revnm_client.geometry import Pose2
 from revnm_sim.camera import Camera
-from revnm_sim.site import GOAL_RADIUS_M, Pair, Site
+from revnm_sim.site import DETOUR_M, GOAL_RADIUS_M, Pair, Site
 from revnm_sim.site_checks import flaws
 from revnm_sim.world import Bounds, Primitive, Shape, World
 from revnm_sim.yaml_document import YamlDocument
@@ -112,6 +112,7 @@ class _File(_Strict):
     format: Literal[1]
     name: Name
     goal_radius_m: Extent = GOAL_RADIUS_M
+    detour_m: Extent = DETOUR_M
     bounds: _Bounds
     floor: _Floor
     prefabs: dict[Name, list[Annotated[_Box | _Cylinder, Field(discriminator="shape")]]]
@@ -142,6 +143,7 @@ def load_site(path: Path) -> Site:
         world=World(content.name, bounds, content.floor.colour, _placed_primitives(document, content)),
         where=document.where(("bounds",)),
         goal_radius_m=content.goal_radius_m,
+        detour_m=content.detour_m,
         cameras=tuple(camera.placed() for camera in content.cameras),
         pairs=tuple(pair.placed() for pair in content.pairs),
         file_sha256=document.sha256,

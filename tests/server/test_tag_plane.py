@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 
 from revnm_client.geometry import Pose2
 from revnm_server.frame import RobotSighting
@@ -53,22 +52,3 @@ def test_pixels_on_and_above_the_horizon_lie_nowhere() -> None:
     pixels = np.array([[320.0, horizon + 5.0], [320.0, horizon - 5.0], [100.0, horizon - 200.0]])
     _, valid = TagPlane(sighting(SEEN_AT), tag_size_m=TAG_M).locate(pixels)
     assert valid.tolist() == [True, False, False]
-
-
-def test_a_hidden_robot_is_carried_by_its_odometry() -> None:
-    now = Pose2(5.2, -0.6, -0.4)
-    carried = TagPlane(sighting(SEEN_AT), tag_size_m=TAG_M).carry(SEEN_AT.inverse() @ now, stamp_ns=7)
-    expected = sighting(now)
-    assert carried is not None
-    assert carried.stamp_ns == 7
-    np.testing.assert_allclose(carried.pixel, expected.pixel, atol=0.05)
-    np.testing.assert_allclose(carried.heading, expected.heading, atol=1e-3)
-    np.testing.assert_allclose(carried.corners, expected.corners, atol=0.05)
-
-
-@pytest.mark.parametrize("behind_m", [8.0, 30.0])
-def test_beyond_the_horizon_there_is_no_robot(behind_m: float) -> None:
-    behind_the_camera = Pose2(-behind_m, 0.0, 0.0)
-    assert (
-        TagPlane(sighting(SEEN_AT), tag_size_m=TAG_M).carry(SEEN_AT.inverse() @ behind_the_camera, stamp_ns=7) is None
-    )

@@ -20,8 +20,10 @@ from revnm_sim.bench.trial import Trial, TrialKey, TrialResult
 from revnm_sim.camera import Camera
 from revnm_sim.expert import Expert
 from revnm_sim.robot import RobotSpec, see_robot
+from revnm_sim.route import plan_route
 from revnm_sim.scenario import Scenario, tag_seen
 from revnm_sim.simulation import Simulation
+from revnm_sim.site import Pair
 from revnm_sim.world import Bounds, Primitive, Shape, World, primitive_arrays
 
 GREY = (150, 150, 150)
@@ -45,7 +47,11 @@ def scenario(*primitives: Primitive, camera: Camera = ABOVE, yaw_rad: float = 0.
 
 
 def trial(place: Scenario, method: str) -> TrialResult:
-    result = Trial(place, TrialKey("room", method, "truth", 1, 0, "", "")).run()
+    result = Trial(
+        place,
+        plan_route(place.world, Pair(place.start, place.goal_m)),
+        TrialKey("room", method, "truth", 1, 0, 0, 0, 1, "any", "", "", ""),
+    ).run()
     return replace(result, tick_p50_ms=0.0, robot_tick_p50_ms=0.0)
 
 

@@ -43,7 +43,7 @@ def test_nearly_all_floor_is_one_region(site: Site) -> None:
 def test_a_camera_and_a_pair_are_found(site: Site) -> None:
     rng = np.random.default_rng(1)
     camera = sample_camera(site.world, rng, width_px=640, height_px=480, hfov_rad=math.radians(120.0))
-    pair = sample_pair(site.world, camera, Expert(site.world), rng)
+    pair = sample_pair(site.world, Expert(site.world), rng, detour_m=1.0, cameras=[camera])
     assert pair is not None
     goal = np.array([[*pair[1], 0.0]])
     assert visible(primitive_arrays(site.world.obstacles), camera, goal).all()

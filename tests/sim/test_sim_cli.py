@@ -33,7 +33,7 @@ def test_bench_shows_its_own_options(capsys: pytest.CaptureFixture[str]) -> None
     with pytest.raises(SystemExit) as ended:
         main(["bench", "--help"])
     assert ended.value.code == 0
-    assert "--trials" in capsys.readouterr().out
+    assert "--protocol" in capsys.readouterr().out
 
 
 class Answers(BaseHTTPRequestHandler):

@@ -4,85 +4,170 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from joblib import Parallel, delayed
 from tqdm import tqdm
 
 from revnm_client.errors import ConfigError
 from revnm_server.bundle import default_bundle_path, file_sha256
 from revnm_server.manifest import MANIFEST, read_manifest
+from revnm_sim.bench.engine import ENGINES, Engine
 from revnm_sim.bench.journal import Journal
-from revnm_sim.bench.methods import METHODS, WITH_MODELS
-from revnm_sim.bench.metrics import rows
-from revnm_sim.bench.report import table, write_report
+from revnm_sim.bench.methods import METHODS, WITH_MODELS, WITH_OWN_BUNDLE
+from revnm_sim.bench.protocol import PROTOCOLS, Protocol, draw_setting, fit_protocol, parse_protocol
+from revnm_sim.bench.publish import publish
 from revnm_sim.bench.trial import TrialKey, TrialResult, run_trial
-from revnm_sim.worlds import WORLDS
+from revnm_sim.worlds import WORLDS, named_site
+
+PAPER_WORLDS = ("random_pillar", "bookstore", "warehouse")
+_DEFAULT_METHODS = tuple(name for name in METHODS if name not in WITH_OWN_BUNDLE)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the command."""
-    parser.add_argument("--world", default="random_pillar", help=f"comma-separated, of: {', '.join(WORLDS)}")
-    parser.add_argument("--method", default=",".join(METHODS), help=f"comma-separated, of: {', '.join(METHODS)}")
+    parser.add_argument(
+        "--world",
+        default=",".join(PAPER_WORLDS),
+        help=f"comma-separated, of: {', '.join(WORLDS)}, or paths of world files (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--method",
+        default=",".join(_DEFAULT_METHODS),
+        help=f"comma-separated, of: {', '.join(METHODS)} (default: %(default)s)",
+    )
     parser.add_argument("--perception", choices=["truth", "models"], default="truth", help="where depth comes from")
-    parser.add_argument("--trials", type=int, default=40, help="trials per world and method")
+    sizes = ", ".join(f"{name} ({p.pairs} × {p.cameras} × {p.repeats})" for name, p in PROTOCOLS.items())
+    parser.add_argument(
+        "--protocol", default="default", help=f"{sizes}, or PAIRSxCAMERASxREPEATS such as 20x2x1 (default: default)"
+    )
+    parser.add_argument(
+        "--pairs", choices=["blocked", "any"], default="blocked", help="whether the straight way must be blocked"
+    )
     parser.add_argument("--seed", type=int, default=1000, help="trials of one seed are the same for every method")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--bundle", type=Path, default=default_bundle_path(), help="model bundle of the method revnm")
-    parser.add_argument("--out", type=Path, required=True, help="folder for report.json; a run there is continued")
+    parser.add_argument(
+        "--bundle",
+        action="append",
+        default=[],
+        metavar="[METHOD=]FOLDER",
+        help="model bundle, of all methods or of one; may be repeated (default: the server's)",
+    )
+    parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
+    parser.add_argument("--engine", choices=ENGINES, default="local", help="where they run (default: local)")
+    parser.add_argument("--address", default="", help="scheduler of the Ray or Dask cluster; without it one is started")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the report; a run there is continued")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the benchmark, or what is missing of it, and print the table."""
+    """Run the benchmark, or what is missing of it, write the report and print its table."""
+    engine = Engine(args.engine, args.jobs, args.address)
     keys = trial_keys(args)
     args.out.mkdir(parents=True, exist_ok=True)
     journal = Journal(args.out / "trials.jsonl")
-    missing = [key for key in keys if key not in journal.results]
-    with tqdm(total=len(keys), initial=len(keys) - len(missing), unit="trial") as bar:
-        for key, result in _run_trials(missing, args.jobs):
-            journal.add(key, result)
-            bar.update()
-    report = rows({key: journal.results[key] for key in keys})
-    write_report(args.out / "report.json", report, shlex.join(["revnm-sim", "bench", *_options(args)]))
-    print(table(report))
+    run_trials(keys, engine, journal)
+    command = shlex.join(["revnm-sim", "bench", *_options(args)])
+    print(publish({key: journal.results[key] for key in keys}, args.out, command))
     return 0
 
 
+def run_trials(keys: Sequence[TrialKey], engine: Engine, journal: Journal) -> None:
+    """Run the trials that a journal lacks; each is in it as soon as it has ended."""
+    missing = [key for key in keys if key not in journal.results]
+    tally = _Tally()
+    with tqdm(total=len(keys), initial=len(keys) - len(missing), unit="trial", smoothing=0.05) as bar:
+        for key, result in engine.map(run_trial, missing):
+            journal.add(key, result)
+            bar.set_postfix_str(tally.count(key, result), refresh=False)
+            bar.update()
+
+
+class _Tally:
+    """The running success rates of this run's trials, by method."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, tuple[int, int]] = {}
+
+    def count(self, key: TrialKey, result: TrialResult) -> str:
+        wins, trials = self._counts.get(key.method, (0, 0))
+        self._counts[key.method] = wins + result.success, trials + 1
+        return " ".join(f"{name} {wins / trials:.2f}" for name, (wins, trials) in sorted(self._counts.items()))
+
+
 def trial_keys(args: argparse.Namespace) -> list[TrialKey]:
-    """Return the trials that the options ask for.
+    """Return the trials that the options ask for; those of one pair follow each other.
 
     Raises:
-        ConfigError: A world or method is unknown, or a count is not positive.
-        FileError: A method needs the bundle, and its manifest is missing or malformed.
+        ConfigError: A world, a method or a protocol is unknown, or a method has no bundle.
+        FileError: A bundle's manifest or a world file is missing or malformed.
+        ContractError: A world has no pair that a camera sees.
     """
-    worlds = _names(args.world, WORLDS, "world")
     methods = _names(args.method, METHODS, "method")
-    for name in ("trials", "jobs"):
-        if getattr(args, name) < 1:
-            raise ConfigError(f"--{name} {getattr(args, name)}: expected 1 or more")
-    bundles = {method: _bundle(args.bundle) if method in WITH_MODELS else ("", "") for method in methods}
+    bundles = _bundles(args.bundle, methods)
+    protocol = parse_protocol(args.protocol)
     return [
-        TrialKey(world, method, args.perception, args.seed, index, *bundles[method])
-        for world in worlds
-        for method in methods
-        for index in range(args.trials)
+        key for world in dict.fromkeys(args.world.split(",")) for key in _world_keys(world, args, protocol, bundles)
     ]
 
 
-def _bundle(folder: Path) -> tuple[str, str]:
-    """Return a bundle's folder and the sha256 of its manifest."""
+@dataclass(frozen=True, slots=True)
+class _Models:
+    """A bundle's folder and the sha256 of its manifest; both empty where a method has none."""
+
+    folder: str = ""
+    manifest_sha256: str = ""
+
+
+def _world_keys(
+    world: str, args: argparse.Namespace, protocol: Protocol, bundles: Mapping[str, _Models]
+) -> list[TrialKey]:
+    if args.seed < 0:
+        raise ConfigError(f"--seed {args.seed}: expected 0 or more")
+    site = named_site(world, 0)
+    fitted = fit_protocol(protocol, site)
+    draw_setting(world, seed=args.seed, pair=0, cameras=fitted.cameras, rule=args.pairs)  # fails early
+    return [
+        TrialKey(
+            world=world,
+            method=method,
+            perception=args.perception,
+            seed=args.seed,
+            pair=pair,
+            camera=camera,
+            repeat=repeat,
+            cameras=fitted.cameras,
+            rule=args.pairs,
+            world_sha256=site.file_sha256,
+            bundle=models.folder,
+            manifest_sha256=models.manifest_sha256,
+        )
+        for pair in range(fitted.pairs)
+        for camera in range(fitted.cameras)
+        for repeat in range(fitted.repeats)
+        for method, models in bundles.items()
+    ]
+
+
+def _bundles(options: Sequence[str], methods: Sequence[str]) -> dict[str, _Models]:
+    """Return the models of every method."""
+    common, own = default_bundle_path(), {}
+    for option in options:
+        name, equals, folder = option.partition("=")
+        if not equals:
+            common = Path(option)
+        elif name in methods and name in WITH_MODELS:
+            own[name] = Path(folder)
+        else:
+            raise ConfigError(f"--bundle {option}: {name} is none of the methods with models that --method names")
+    for method in methods:
+        if method in WITH_OWN_BUNDLE and method not in own:
+            raise ConfigError(f"--method {method}: expected --bundle {method}=FOLDER, a bundle of its own")
+    return {m: _models(own.get(m, common)) if m in WITH_MODELS else _Models() for m in methods}
+
+
+def _models(folder: Path) -> _Models:
     read_manifest(folder)
-    return str(folder), file_sha256(folder / MANIFEST)
-
-
-def _run_trials(keys: Sequence[TrialKey], jobs: int) -> Iterator[tuple[TrialKey, TrialResult]]:
-    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered")
-    yield from parallel(delayed(_keyed)(key) for key in keys)
-
-
-def _keyed(key: TrialKey) -> tuple[TrialKey, TrialResult]:
-    return key, run_trial(key)
+    return _Models(str(folder), file_sha256(folder / MANIFEST))
 
 
 def _names(text: str, known: Iterable[str], option: str) -> list[str]:
@@ -95,8 +180,10 @@ def _names(text: str, known: Iterable[str], option: str) -> list[str]:
 
 
 def _options(args: argparse.Namespace) -> list[str]:
-    names = ["world", "method", "perception", "trials", "seed", "jobs"]
-    if args.bundle != default_bundle_path():
-        names.append("bundle")
-    names.append("out")
-    return [word for name in names for word in (f"--{name}", str(getattr(args, name)))]
+    """Return the options that decide the results; how many processes ran them does not."""
+    words = []
+    for name in ("world", "method", "perception", "protocol", "pairs", "seed"):
+        words += [f"--{name}", str(getattr(args, name))]
+    for bundle in args.bundle:
+        words += ["--bundle", bundle]
+    return [*words, "--out", str(args.out)]

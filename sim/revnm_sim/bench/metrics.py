@@ -1,44 +1,114 @@
-"""Rows of the benchmark's report from the results of its trials."""
+"""Rows of the benchmark's report from the results of its trials: one per method, and one per two methods."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
+from revnm_client.geometry import FloatArray
+from revnm_sim.bench.statistics import bootstrap_mean, mcnemar_p
 from revnm_sim.bench.trial import TrialKey, TrialResult
 
+Results = Mapping[TrialKey, TrialResult]
+Place = tuple[int, int, int]  # pair, camera, repeat
+Group = tuple[str, str, str]  # world, method, perception
 
-def spl(results: Sequence[TrialResult]) -> float:
-    """Return success weighted by path length, with the expert's way as reference.
 
-    Source: Anderson et al., 2018, arXiv:1807.06757; the reference is the planner's path, as in the paper.
+def spl(results: Sequence[TrialResult], *, length: Callable[[TrialResult], float]) -> FloatArray:
+    """Return success weighted by path length of each trial (M,).
+
+    Source: Anderson et al., 2018, arXiv:1807.06757.
+
+    Args:
+        results: The trials.
+        length: Picks the reference. The paper's is the planner's way; a trial ends at the goal's radius, the way at
+            the goal itself.
     """
-    return float(np.mean([r.success * r.expert_m / max(r.path_m, r.expert_m) for r in results]))
+    return np.array([r.success * length(r) / max(r.path_m, length(r)) for r in results])
 
 
-def rows(results: Mapping[TrialKey, TrialResult]) -> list[dict[str, Any]]:
+def rows(results: Results) -> list[dict[str, Any]]:
     """Return one flat row per world, method and perception, in the order of the trials."""
-    groups: dict[tuple[str, str, str], list[TrialResult]] = {}
+    return [_row(*group, members) for group, members in _groups(results).items()]
+
+
+def comparisons(results: Results) -> list[dict[str, Any]]:
+    """Return one flat row per two methods of a world and perception, over the trials that both have."""
+    groups = _groups(results)
+    return [
+        _comparison((first, groups[first]), (second, groups[second]))
+        for first, second in combinations(groups, 2)
+        if first[::2] == second[::2]
+    ]
+
+
+def _groups(results: Results) -> dict[Group, dict[Place, TrialResult]]:
+    groups: dict[Group, dict[Place, TrialResult]] = {}
     for key, result in results.items():
-        groups.setdefault((key.world, key.method, key.perception), []).append(result)
-    return [_row(*group, members) for group, members in groups.items()]
+        members = groups.setdefault((key.world, key.method, key.perception), {})
+        members[key.pair, key.camera, key.repeat] = result
+    return groups
 
 
-def _row(world: str, method: str, perception: str, results: Sequence[TrialResult]) -> dict[str, Any]:
-    successes = [r for r in results if r.success]
+def _row(world: str, method: str, perception: str, members: Mapping[Place, TrialResult]) -> dict[str, Any]:
+    results = list(members.values())
+    succeeded = np.array([r.success for r in results], dtype=np.float64)
+    weighted = spl(results, length=lambda r: r.expert_m)
+    conditions = [place[:2] for place in members]
+    pairs = [place[0] for place in members]
     return {
         "world": world,
         "method": method,
         "perception": perception,
         "trials": len(results),
-        "success_rate": round(len(successes) / len(results), 4),
-        "spl": round(spl(results), 4),
+        "success_rate": _mean(succeeded),
+        **_interval("success", succeeded, conditions),
+        **_interval("success_by_pair", succeeded, pairs),
+        "spl": _mean(weighted),
+        **_interval("spl", weighted, conditions),
+        "spl_geodesic": _mean(spl(results, length=lambda r: r.geodesic_m)),
         "collisions": sum(r.collision for r in results),
         "timeouts": sum(r.timeout for r in results),
-        "blocked_rate": round(sum(r.blocked for r in results) / len(results), 4),
-        "mean_success_s": round(float(np.mean([r.duration_s for r in successes])), 2) if successes else None,
+        "collision_rate": _mean([r.collision for r in results]),
+        "timeout_rate": _mean([r.timeout for r in results]),
+        "blocked_rate": _mean([r.blocked for r in results]),
+        "least_clearance_m": round(min(r.closest_m for r in results), 3),
+        "median_clearance_m": round(float(np.median([r.closest_m for r in results])), 3),
+        "mean_success_s": _mean([r.duration_s for r in results if r.success], digits=2),
         "p50_tick_ms": round(float(np.median([r.tick_p50_ms for r in results])), 3),
         "p50_robot_tick_ms": round(float(np.median([r.robot_tick_p50_ms for r in results])), 3),
     }
+
+
+def _comparison(
+    first: tuple[Group, Mapping[Place, TrialResult]], second: tuple[Group, Mapping[Place, TrialResult]]
+) -> dict[str, Any]:
+    world, method, perception = first[0]
+    shared = [place for place in first[1] if place in second[1]]
+    a, b = (np.array([members[place].success for place in shared]) for _, members in (first, second))
+    difference = a.astype(np.float64) - b
+    only = int((a & ~b).sum()), int((b & ~a).sum())
+    return {
+        "world": world,
+        "perception": perception,
+        "method": method,
+        "other": second[0][1],
+        "trials": len(shared),
+        "only_method": only[0],
+        "only_other": only[1],
+        "difference": _mean(difference),
+        **_interval("difference", difference, [place[:2] for place in shared]),
+        "mcnemar_p": float(f"{mcnemar_p(*only):.3g}"),
+    }
+
+
+def _interval(name: str, values: FloatArray, clusters: Sequence[Any]) -> dict[str, float]:
+    low, high = bootstrap_mean(values, clusters)
+    return {f"{name}_low": round(low, 4), f"{name}_high": round(high, 4)}
+
+
+def _mean(values: Sequence[float] | FloatArray, *, digits: int = 4) -> float | None:
+    return round(float(np.mean(values)), digits) if len(values) else None

@@ -13,16 +13,20 @@ from typing import Any
 _PACKAGES = ("revnm-client", "revnm-server", "revnm-sim", "numpy", "numba", "onnxruntime", "pybullet")
 
 
-def write_report(path: Path, rows: Sequence[dict[str, Any]], command: str) -> None:
+def write_report(
+    path: Path, rows: Sequence[dict[str, Any]], command: str, *, comparisons: Sequence[dict[str, Any]] | None = None
+) -> None:
     """Write a report; it appears whole or not at all.
 
     Args:
         path: ``report.json``.
         rows: One flat object a row, snake_case keys with units.
         command: The command line that made it.
+        comparisons: One flat object per two methods, where methods are compared.
     """
     report = {
         "rows": list(rows),
+        **({} if comparisons is None else {"comparisons": list(comparisons)}),
         "command": command,
         "versions": {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}},
         "machine": {"system": platform.platform(), "processor": platform.machine(), "cores": os.cpu_count()},

@@ -16,16 +16,17 @@ import numpy as np
 from revnm_client.agent import AgentConfig, RobotAgent
 from revnm_client.messages import Plan
 from revnm_sim.bench.methods import METHODS, MethodContext, Perception
-from revnm_sim.expert import Expert
-from revnm_sim.scenario import Scenario, benchmark_scenario, segment_blocked
+from revnm_sim.bench.protocol import PairRule, draw_setting, trial_seed
+from revnm_sim.route import Route
+from revnm_sim.scenario import Scenario
 from revnm_sim.simulation import Simulation
 
 CONTROL_S = 0.05
 _CONTROLS_PER_SCAN = 2
 _CONTROLS_PER_PICTURE = 4
+_CONTROLS_PER_TRACK_POINT = 10
 _PLAN_DELAY_NS = 100_000_000
 TIME_LIMIT_S = 60.0
-GOAL_RADIUS_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +34,16 @@ class TrialKey:
     """Which trial: equal keys give equal results, times apart.
 
     Attributes:
-        world: Name of the world.
+        world: Name of the world, or path of its file.
         method: Name of the method.
         perception: Where depth comes from.
         seed: Of the benchmark.
-        index: Of the trial.
+        pair: Number of the start and goal.
+        camera: Number of the camera pose.
+        repeat: Number of the repeat.
+        cameras: Camera poses for each pair; a pair that fewer cameras see is drawn anew.
+        rule: Which pairs are drawn.
+        world_sha256: Of the world's file; empty for generated worlds.
         bundle: Folder of the model bundle; empty for the methods that have no models.
         manifest_sha256: Of the bundle's manifest, which holds the hashes of its models; empty as above.
     """
@@ -46,7 +52,12 @@ class TrialKey:
     method: str
     perception: Perception
     seed: int
-    index: int
+    pair: int
+    camera: int
+    repeat: int
+    cameras: int
+    rule: PairRule
+    world_sha256: str
     bundle: str
     manifest_sha256: str
 
@@ -57,15 +68,17 @@ class TrialResult:
 
     Attributes:
         success: Within the goal's radius in time and without contact.
-        collision: The body touched something.
+        collision: The body, a rectangle, touched something.
         timeout: Neither in time.
         duration_s: Simulated time until it ended.
         path_m: Driven.
         expert_m: Length of the expert's way.
+        geodesic_m: Length of the shortest way.
         closest_m: Least clearance of the body.
         blocked: Something stood in the straight way.
         tick_p50_ms: Median time to make a plan, rendering not included; perception ``truth`` needs no depth network.
         robot_tick_p50_ms: Median time of the robot's tick.
+        track_m: Where the robot was, (x, y), world frame, every half second and at the end.
     """
 
     success: bool
@@ -74,56 +87,60 @@ class TrialResult:
     duration_s: float
     path_m: float
     expert_m: float
+    geodesic_m: float
     closest_m: float
     blocked: bool
     tick_p50_ms: float
     robot_tick_p50_ms: float
+    track_m: list[list[float]]
 
 
 def run_trial(key: TrialKey) -> TrialResult:
-    """Build the scenario of a key and drive it to its end.
+    """Draw the setting of a key and drive it to its end.
 
     Raises:
         ContractError: The world has no place for a camera that sees a start and a goal.
-        FileError: The bundle does not fit.
+        FileError: The world's file or the bundle does not fit.
     """
-    scenario = benchmark_scenario(key.world, seed=key.seed, index=key.index)
-    return Trial(scenario, key).run()
+    setting = draw_setting(key.world, seed=key.seed, pair=key.pair, cameras=key.cameras, rule=key.rule)
+    seed = trial_seed(key.seed, pair=key.pair, camera=key.camera, repeat=key.repeat)
+    return Trial(setting.scenario(camera=key.camera, seed=seed), setting.route, key).run()
 
 
 class Trial:
     """A robot on its way."""
 
-    def __init__(self, scenario: Scenario, key: TrialKey) -> None:
+    def __init__(self, scenario: Scenario, route: Route, key: TrialKey) -> None:
         """Set everything up.
 
         Args:
             scenario: Where.
+            route: The planner's way of the scenario's start and goal.
             key: How.
         """
-        self._scenario = scenario
-        expert = Expert(scenario.world)
-        field = expert.field(scenario.goal_m)
-        start = np.array([[scenario.start.x_m, scenario.start.y_m]])
-        self._expert_m = field.length_m(start[0])
-        self._blocked = bool(segment_blocked(expert.grid, start, np.array(scenario.goal_m))[0])
+        self._scenario, self._route = scenario, route
         self._simulation = Simulation(scenario, scenario.seed)
-        self._method = METHODS[key.method](MethodContext(scenario, self._simulation, field, key.perception, key.bundle))
+        context = MethodContext(scenario, self._simulation, route.field, key.perception, key.bundle)
+        self._method = METHODS[key.method](context)
         self._agent = RobotAgent(AgentConfig(robot="rover", seed=scenario.seed))
         self._agent.set_clock_offset(0)
         self._plans: deque[tuple[int, Plan]] = deque()
         self._plan_ms: list[float] = []
         self._robot_ms: list[float] = []
+        self._track_m: list[list[float]] = []
 
     def run(self) -> TrialResult:
         """Drive until arrival, contact or the end of time."""
         with self._simulation as simulation:
             for step in range(round(TIME_LIMIT_S / CONTROL_S)):
+                if step % _CONTROLS_PER_TRACK_POINT == 0:
+                    self._note_place()
                 self._sense(step)
                 self._control()
                 simulation.advance(CONTROL_S)
                 if simulation.had_contact or self._at_goal():
                     break
+            self._note_place()
             return self._result()
 
     def _sense(self, step: int) -> None:
@@ -151,9 +168,13 @@ class Trial:
         self._robot_ms.append((time.perf_counter() - started) * 1e3)
         self._simulation.command(tick.velocity)
 
+    def _note_place(self) -> None:
+        pose = self._simulation.true_pose
+        self._track_m.append([round(pose.x_m, 2), round(pose.y_m, 2)])
+
     def _at_goal(self) -> bool:
         pose, (x, y) = self._simulation.true_pose, self._scenario.goal_m
-        return math.hypot(pose.x_m - x, pose.y_m - y) <= GOAL_RADIUS_M
+        return math.hypot(pose.x_m - x, pose.y_m - y) <= self._scenario.goal_radius_m
 
     def _result(self) -> TrialResult:
         simulation = self._simulation
@@ -165,9 +186,11 @@ class Trial:
             timeout=not (success or collision),
             duration_s=round(simulation.time_ns * 1e-9, 3),
             path_m=round(simulation.path_m, 4),
-            expert_m=round(self._expert_m, 4),
+            expert_m=round(self._route.expert_m, 4),
+            geodesic_m=round(self._route.geodesic_m, 4),
             closest_m=round(simulation.closest_m, 4),
-            blocked=self._blocked,
-            tick_p50_ms=float(np.median(self._plan_ms)),
-            robot_tick_p50_ms=float(np.median(self._robot_ms)),
+            blocked=self._route.blocked,
+            tick_p50_ms=round(float(np.median(self._plan_ms)), 3),
+            robot_tick_p50_ms=round(float(np.median(self._robot_ms)), 3),
+            track_m=self._track_m,
         )

@@ -9,12 +9,18 @@ from revnm_sim.bench.methods.expert import ExpertMethod
 from revnm_sim.bench.methods.ibvs import IbvsMethod
 from revnm_sim.bench.methods.ibvs_scale import IbvsScaleMethod
 from revnm_sim.bench.methods.method import Method, MethodContext, Perception
+from revnm_sim.bench.methods.no_dagger import NoDaggerMethod
+from revnm_sim.bench.methods.no_exo2ego import NoExo2EgoMethod
+from revnm_sim.bench.methods.oracle_ego import OracleEgoMethod
 from revnm_sim.bench.methods.revnm import RevnmMethod
 from revnm_sim.bench.methods.straight import StraightMethod
 
 METHODS: MappingProxyType[str, Callable[[MethodContext], Method]] = MappingProxyType(
     {
         "revnm": RevnmMethod,
+        "no_exo2ego": NoExo2EgoMethod,
+        "oracle_ego": OracleEgoMethod,
+        "no_dagger": NoDaggerMethod,
         "ibvs": IbvsMethod,
         "ibvs_scale": IbvsScaleMethod,
         "straight": StraightMethod,
@@ -22,7 +28,10 @@ METHODS: MappingProxyType[str, Callable[[MethodContext], Method]] = MappingProxy
     }
 )
 
-WITH_MODELS = frozenset({"revnm"})
+WITH_MODELS = frozenset({"revnm", "no_exo2ego", "oracle_ego", "no_dagger"})
 """The methods that load a model bundle."""
 
-__all__ = ["METHODS", "WITH_MODELS", "Method", "MethodContext", "Perception"]
+WITH_OWN_BUNDLE = frozenset({"no_dagger"})
+"""Those of them that the common bundle does not serve."""
+
+__all__ = ["METHODS", "WITH_MODELS", "WITH_OWN_BUNDLE", "Method", "MethodContext", "Perception"]

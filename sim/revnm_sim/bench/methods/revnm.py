@@ -1,35 +1,35 @@
-"""ReVNM: the server's own pipeline with the models of a bundle.
+"""ReVNM: the server's own pipeline with the models of a bundle, and the base of its ablations.
 
 The robot's pose in the picture comes from the simulator, as in the paper: at 640×480 and 120° no tag can be read. A
-hidden robot keeps its last pose (paper, section V-A), moved on by its odometry through the plane of its tag; the live
-server does not yet know the odometry, and gives no plan after a second. With perception ``truth`` the exo disparity
-comes from the simulator too.
+hidden robot keeps its last pose, as in the paper; the live server gives no plan instead. With perception ``truth`` the
+exo disparity comes from the simulator too.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from revnm_client.geometry import FloatArray, Pose2
-from revnm_server.bundle import load_bundle
+from revnm_client.geometry import FloatArray
+from revnm_server.bundle import Bundle, load_bundle
 from revnm_server.depth import OnnxDepth
 from revnm_server.exo2ego import OnnxExo2Ego
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.observation import Image32, ObservationSpec
 from revnm_server.pipeline import Pipeline
 from revnm_server.policy import OnnxPolicy
-from revnm_server.tag_plane import TagPlane
+from revnm_server.ports import EgoDepth
 from revnm_sim.bench.methods.method import MethodContext
+from revnm_sim.bench.methods.pose import ROBOT, KeptSightings
 from revnm_sim.raycast import cast_depth, disparity_from_depth, overlay_depth, robot_primitive
-from revnm_sim.robot import see_robot
-from revnm_sim.scenario import Scenario, tag_seen
+from revnm_sim.scenario import Scenario
 from revnm_sim.simulation import Simulation
 from revnm_sim.world import primitive_arrays
 
-_ROBOT = "rover"
+EgoSource = Callable[[Bundle, MethodContext], EgoDepth]
 
 
 class TrueDisparity:
@@ -47,27 +47,15 @@ class TrueDisparity:
 
 
 class TrueSightings:
-    """The robot's exact pose in the picture while the camera sees its tag; hidden, the last one moved by odometry."""
+    """What stands in the place of the tag detector."""
 
     def __init__(self, scenario: Scenario, simulation: Simulation) -> None:
-        self._scenario, self._simulation = scenario, simulation
-        self._arrays = primitive_arrays(scenario.world.primitives)
-        self._last: tuple[TagPlane, Pose2] | None = None
+        self._kept = KeptSightings(scenario, simulation)
 
     def sightings(self, frame: Frame) -> list[RobotSighting]:
-        """Return the robot; nothing before it was seen first, or where odometry would lead it out of sight."""
-        pose, scenario = self._simulation.true_pose, self._scenario
-        odom_from_robot = self._simulation.odometry().odom_from_robot
-        place = np.array([[pose.x_m, pose.y_m]])
-        if tag_seen(self._arrays, scenario.camera, place, scenario.robot)[0]:
-            seen = see_robot(scenario.camera, pose, scenario.robot, robot=_ROBOT, stamp_ns=frame.stamp_ns)
-            self._last = TagPlane(seen, tag_size_m=scenario.robot.tag_m), odom_from_robot
-            return [seen]
-        if self._last is None:
-            return []
-        plane, odom_from_seen = self._last
-        carried = plane.carry(odom_from_seen.inverse() @ odom_from_robot, stamp_ns=frame.stamp_ns)
-        return [] if carried is None else [carried]
+        """Return the robot; nothing before it was seen first."""
+        found = self._kept.sighting(frame.stamp_ns)
+        return [] if found is None else [found]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +74,12 @@ class PixelGoal:
 class RevnmMethod:
     """The pipeline, fed with simulated pictures."""
 
-    def __init__(self, context: MethodContext) -> None:
+    def __init__(self, context: MethodContext, ego: EgoSource = lambda bundle, _: OnnxExo2Ego(bundle)) -> None:
         """Load the bundle.
+
+        Args:
+            context: The trial.
+            ego: What gives the robot's view; the bundle's exo2ego, unless an ablation has another.
 
         Raises:
             FileError: The bundle does not fit.
@@ -100,15 +92,14 @@ class RevnmMethod:
             bundle.spec,
             depth=depth,
             tags=TrueSightings(scenario, self._simulation),
-            exo2ego=OnnxExo2Ego(bundle),
+            exo2ego=ego(bundle, context),
             planner=OnnxPolicy(bundle),
-            max_sighting_age_s=float("inf"),
         )
         camera = scenario.camera
         self._image = np.zeros((camera.height_px, camera.width_px, 3), dtype=np.uint8)
         pixel, _ = camera.project(np.array([*scenario.goal_m, 0.0]))
         goal = (float(pixel[0]) / camera.width_px, float(pixel[1]) / camera.height_px)
-        self._goals = {_ROBOT: PixelGoal("goal", goal)}
+        self._goals = {ROBOT: PixelGoal("goal", goal)}
         self._seq = 0
 
     def look(self) -> None:
@@ -117,8 +108,7 @@ class RevnmMethod:
             self._image = self._simulation.picture()
 
     def waypoints(self) -> FloatArray | None:
-        """Return the policy's waypoints; None while nobody knows where the robot is."""
-        now_ns = self._simulation.time_ns
+        """Return the policy's waypoints; None before the robot was seen first."""
         self._seq += 1
-        plans = self._pipeline.step(Frame(self._image, now_ns, self._seq), self._goals).plans
-        return plans[0].waypoints_m if plans and plans[0].stamp_ns == now_ns else None
+        plans = self._pipeline.step(Frame(self._image, self._simulation.time_ns, self._seq), self._goals).plans
+        return plans[0].waypoints_m if plans else None
