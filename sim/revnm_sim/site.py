@@ -13,7 +13,7 @@ from revnm_sim.camera import Camera
 from revnm_sim.world import World
 
 GOAL_RADIUS_M = 0.5
-DETOUR_M = 0.25
+DETOUR_M = 0.1
 
 
 class Pair(NamedTuple):

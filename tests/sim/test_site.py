@@ -67,7 +67,7 @@ def test_a_file_with_cameras_and_pairs_loads(tmp_path: Path) -> None:
     assert site.where == f"{path}:4: bounds"
     assert site.goal_radius_m == 0.7
     longer = ROOM.replace("goal_radius_m: 0.7\n", "goal_radius_m: 0.7\ndetour_m: 0.6\n")
-    assert (site.detour_m, load_site(write(tmp_path, longer)).detour_m) == (0.25, 0.6)
+    assert (site.detour_m, load_site(write(tmp_path, longer)).detour_m) == (0.1, 0.6)
     assert site.file_sha256 == hashlib.sha256(ROOM.encode()).hexdigest()
     first, second = site.cameras
     assert (first.width_px, first.height_px, first.roll_rad) == (640, 480, 0.0)

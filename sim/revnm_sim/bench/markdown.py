@@ -42,8 +42,7 @@ def _success(rows: Sequence[Row]) -> list[str]:
         mine = [row for row in rows if row["world"] == world]
         paper = any((world, row["method"]) in PAPER for row in mine)
         parts += [f"## {world}", table([{**_short(row), **(_paper(row) if paper else {})} for row in mine])]
-        straight = mine[0]["blocked_rate"]
-        parts.append(f"The straight way is blocked in {straight:.0%} of these trials.")
+        parts.append(f"The straight way is blocked in {mine[0]['blocked_rate']:.0%} of these trials.")
     return parts
 
 
@@ -106,4 +105,9 @@ _PAIRED = (
     "`only method`: trials in which just the first of the two succeeded. The interval is a cluster bootstrap of the "
     "paired difference; p is McNemar's, exact."
 )
-_PICTURES = "S and G are start and goal; a cross marks where a run failed."
+_PICTURES = (
+    "Trajectories: of each world the trial in which the methods' outcomes differ most, over the camera's view and from "
+    "the top. S and G are start and goal, a cross marks where a run failed, the triangle is the camera. Ego depth: "
+    "poses on the planner's way of each world's first trial, with the exo depth around them (the circle is the robot), "
+    "what exo2ego imagines from it, and the truth; near is bright in the first, and dark in the others."
+)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from revnm_sim.bench.ego_strip import draw_ego_strip
 from revnm_sim.bench.figures import draw_trajectories
 from revnm_sim.bench.markdown import markdown, summary
 from revnm_sim.bench.metrics import Results, comparisons, rows
@@ -23,6 +24,9 @@ def publish(results: Results, out: Path, command: str) -> str:
     """
     found, compared = rows(results), comparisons(results)
     write_report(out / "report.json", found, command, comparisons=compared)
+    figures = ["trajectories.png"]
     draw_trajectories(results, out / "trajectories.png")
-    (out / "report.md").write_text(markdown(found, compared, ["trajectories.png"], command), encoding="utf-8")
+    if draw_ego_strip(results, out / "ego_depth.png"):
+        figures.append("ego_depth.png")
+    (out / "report.md").write_text(markdown(found, compared, figures, command), encoding="utf-8")
     return summary(found)
