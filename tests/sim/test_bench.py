@@ -300,3 +300,26 @@ def test_the_command_reports_prints_and_goes_on(tmp_path: Path, capsys: pytest.C
     assert expert["success_rate"] == 1.0
     printed = capsys.readouterr().out
     assert "| random_pillar | expert" in printed
+
+
+def test_the_same_trials_give_the_same_report_whatever_runs_them(tmp_path: Path) -> None:
+    words = (
+        "--world",
+        "demo_room",
+        "--pairs",
+        "any",
+        "--method",
+        "straight,expert",
+        "--protocol",
+        "2x2x1",
+        "--seed",
+        "7",
+    )
+
+    def report(name: str, jobs: str) -> dict[str, object]:
+        assert main(["bench", *words, "--jobs", jobs, "--out", str(tmp_path / name)]) == 0
+        found = json.loads((tmp_path / name / "report.json").read_text())
+        rows = [{key: value for key, value in row.items() if not key.endswith("_ms")} for row in found["rows"]]
+        return {**found, "rows": rows, "command": found["command"].replace(name, "")}
+
+    assert report("one", "1") == report("two", "2") == report("again", "2")

@@ -109,5 +109,5 @@ _PICTURES = (
     "Trajectories: of each world the trial in which the methods' outcomes differ most, over the camera's view and from "
     "the top. S and G are start and goal, a cross marks where a run failed, the triangle is the camera. Ego depth: "
     "poses on the planner's way of each world's first trial, with the exo depth around them (the circle is the robot), "
-    "what exo2ego imagines from it, and the truth; near is bright in the first, and dark in the others."
+    "what exo2ego imagines from it, and the truth; near is bright."
 )
