@@ -43,7 +43,7 @@ class FloorCamera:
 
     @property
     def vector(self) -> FloatArray:
-        """The parameters (5,): log of the focal length in picture widths, pitch, roll, log of the height, distortion."""
+        """The parameters (5,): log of the focal length in picture widths, pitch, roll, log height, distortion."""
         focal = math.log(self.focal_px / self.size_px[0])
         return np.array([focal, self.pitch_rad, self.roll_rad, math.log(self.height_m), self.distortion])
 
@@ -110,7 +110,8 @@ def on_plane(
     offset = (pixels - _middle(size_px)) / (0.5 * size_px[0])
     focal = 2.0 * np.exp(vector[..., 0])
     straight = focal * (1.0 + vector[..., 4] * np.square(offset).sum(axis=-1))
-    local = np.concatenate([offset, np.broadcast_to(straight, offset.shape[:-1])[..., None]], axis=-1)
+    sideways = np.broadcast_to(offset, (*straight.shape, 2))
+    local = np.concatenate([sideways, straight[..., None]], axis=-1)
     ray = np.einsum("...ij,...j->...i", rotation(vector), local)
     valid = (ray[..., 2] < -1e-6 * np.linalg.norm(ray, axis=-1)) & (straight > 0.0)
     drop = np.where(valid, -ray[..., 2], 1.0)

@@ -1,0 +1,67 @@
+"""From the covariance of a calibration to metres on the floor and pixels in the picture, by numeric derivatives.
+
+Vectors are (8,): the camera's five parameters and a pose floor_from_robot (x, y, yaw). Imports numpy only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from revnm_client.geometry import FloatArray, Pose2
+from revnm_server.floor_camera import PARAMETERS, on_plane, project
+
+_STEP = 1e-6
+_DIRECTIONS = 12
+_DRIFT = 0.02  # of a way driven, on top of what the covariance holds
+
+
+def spread_m(vector: FloatArray, covariance: FloatArray, size_px: tuple[int, int], distance_m: float) -> float:
+    """Return the standard deviation of places on the floor around a robot, in its frame, metres.
+
+    Args:
+        vector: (8,) camera and pose.
+        covariance: (8, 8) of it.
+        size_px: Of the picture.
+        distance_m: How far the places are from the robot.
+
+    Returns:
+        The root mean square over the directions that the camera sees; inf if it sees none.
+    """
+    angles = np.linspace(0.0, math.tau, _DIRECTIONS, endpoint=False)
+    pose = Pose2(*vector[PARAMETERS:])
+    local = pose.apply(distance_m * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+    pixels, depth = project(vector[:PARAMETERS], size_px, np.column_stack([local, np.zeros(_DIRECTIONS)]))
+    seen = (depth > 0.1) & ((pixels >= 0.0) & (pixels <= np.array(size_px) - 1.0)).all(axis=1)
+    if not seen.any():
+        return math.inf
+    slopes = _slopes(lambda x: in_robot(x, size_px, pixels[seen]), vector)  # (M, 2, 8)
+    variances = np.einsum("mij,jk,mik->m", slopes, covariance, slopes)
+    return float(np.sqrt(variances.mean()))
+
+
+def in_robot(vector: FloatArray, size_px: tuple[int, int], pixels: FloatArray) -> FloatArray:
+    """Return the places (M, 2) on the floor that pixels (M, 2) show, metres, in the robot's frame."""
+    points, _ = on_plane(vector[:PARAMETERS], size_px, pixels)
+    return Pose2(*vector[PARAMETERS:]).inverse().apply(points)
+
+
+def pixel_sigma_px(
+    vector: FloatArray, covariance: FloatArray, size_px: tuple[int, int], height_m: float, *, driven_m: float
+) -> float:
+    """Return how uncertain the pixel of a robot's tag is after a way that only odometry has measured, pixels."""
+
+    def pixel(x: FloatArray) -> FloatArray:
+        return project(x[:PARAMETERS], size_px, np.array([x[PARAMETERS], x[PARAMETERS + 1], height_m]))[0]
+
+    slopes = _slopes(pixel, vector)  # (2, 8)
+    drift = _DRIFT * driven_m * float(np.linalg.norm(slopes[:, PARAMETERS : PARAMETERS + 2], ord=2))
+    return float(np.sqrt(np.trace(slopes @ covariance @ slopes.T) + drift**2))
+
+
+def _slopes(function: Callable[[FloatArray], FloatArray], vector: FloatArray) -> FloatArray:
+    """Return the derivatives (..., 8) of a function of (8,)."""
+    here = function(vector)
+    return np.stack([(function(vector + _STEP * axis) - here) / _STEP for axis in np.eye(len(vector))], axis=-1)
