@@ -1,0 +1,101 @@
+"""How far uncertain obstacles spread over the map.
+
+What stands at a cell may stand at another with a standard deviation that the calibration's covariance and the noise of
+the depth give. A cell's probability becomes the greatest of its neighbours', each less by the Gaussian of its distance
+in its own standard deviations; apart along x and y, so that it costs little. Imports numpy only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from revnm_client.geometry import FloatArray
+from revnm_server.floor_view import FloorView, place_jacobian, root
+from revnm_server.observation import Image32
+
+_SIGMAS = 2.0  # what is farther is let go
+_HOLD = 1.5  # the depth's noise may change by this factor before weights are computed anew
+
+
+class MapSpread:
+    """Spreads obstacles over the grid of one calibrated camera."""
+
+    def __init__(self, view: FloorView, middles_m: FloatArray, cell_m: float, most_m: float) -> None:
+        """Prepare.
+
+        Args:
+            view: The calibrated camera.
+            middles_m: (Ny, Nx, 2) of the cells.
+            cell_m: Side of a cell.
+            most_m: Bound of the standard deviation.
+        """
+        self._cell_m = cell_m
+        self._most_m = most_m
+        self._calibration_m = _calibration_sigma(view, middles_m)
+        self._per_nearness = _per_nearness(view, middles_m)
+        self._prepared_for = 0.0
+        self._weights: list[tuple[list[Image32], int]] = []
+
+    def spread(self, probability: Image32, nearness_sigma: float) -> Image32:
+        """Return the spread probabilities (Ny, Nx).
+
+        Args:
+            probability: (Ny, Nx) float32, that something stands there.
+            nearness_sigma: Noise of the depth, 1/m.
+        """
+        noise = max(nearness_sigma, 1e-6)
+        if not 1.0 / _HOLD <= noise / max(self._prepared_for, 1e-9) <= _HOLD:
+            self._prepared_for = noise
+            self._weights = self._prepare(noise)
+        for weights, axis in self._weights:
+            probability = _dilate(probability, weights, axis)
+        return probability
+
+    def sigma_m(self, nearness_sigma: float) -> FloatArray:
+        """Return the standard deviations (Ny, Nx, 2) along x and y, metres, unbounded."""
+        return np.hypot(self._calibration_m, nearness_sigma * self._per_nearness)
+
+    def _prepare(self, nearness_sigma: float) -> list[tuple[list[Image32], int]]:
+        sigma = np.minimum(self.sigma_m(nearness_sigma), self._most_m) / self._cell_m  # cells
+        found = []
+        for axis, along in ((1, 0), (0, 1)):
+            own = np.maximum(sigma[..., along], 1e-3)
+            reach = int(_SIGMAS * own.max())
+            distances = np.arange(1, reach + 1)
+            weights = [
+                np.where(d <= _SIGMAS * own, np.exp(-0.5 * np.square(d / own)), 0.0).astype(np.float32)
+                for d in distances
+            ]
+            found.append((weights, axis))
+        return found
+
+
+def _dilate(probability: Image32, weights: list[Image32], axis: int) -> Image32:
+    """Return the greatest (Ny, Nx) of a cell and its weighted neighbours along an axis; weights are the neighbours'."""
+    result = probability.copy()
+    source = np.moveaxis(probability, axis, 0)
+    target = np.moveaxis(result, axis, 0)
+    for distance, weight in enumerate(weights, start=1):
+        moved = source * np.moveaxis(weight, axis, 0)
+        np.maximum(target[distance:], moved[:-distance], out=target[distance:])
+        np.maximum(target[:-distance], moved[distance:], out=target[:-distance])
+    return result
+
+
+def _calibration_sigma(view: FloorView, middles_m: FloatArray) -> FloatArray:
+    """Return the standard deviations (Ny, Nx, 2) of what stands at the cells, from the calibration's covariance."""
+    if not view.covariance.any():
+        return np.zeros_like(middles_m)
+    jacobian = place_jacobian(view.camera, middles_m.reshape(-1, 2))  # (M, 2, 5)
+    sigma = np.sqrt(np.square(jacobian @ root(view.covariance)).sum(axis=-1))
+    return np.asarray(np.nan_to_num(sigma, nan=1e3, posinf=1e3).reshape(middles_m.shape))
+
+
+def _per_nearness(view: FloorView, middles_m: FloatArray) -> FloatArray:
+    """Return how far places (Ny, Nx, 2) at the cells move, per axis, if their nearness changes, metres per 1/m.
+
+    z = 1 / nearness, so dz = z² · dnearness, and a place moves in proportion to its depth.
+    """
+    standing = np.concatenate([middles_m, np.zeros((*middles_m.shape[:2], 1))], axis=-1)
+    _, depth = view.camera.project(standing)
+    return np.asarray(np.abs(middles_m) * np.maximum(depth, 0.0)[..., None])

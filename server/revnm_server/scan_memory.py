@@ -1,0 +1,160 @@
+"""What the robot's LiDAR has met and passed through, remembered over the floor, and what it tells the camera's map.
+
+A grid of log-odds of its own, in the frame of the camera's map. The LiDAR measures to the centimetre, in the plane of
+its beams: a hit overrules the camera, a free beam speaks against it, but what is lower than the beams is the camera's
+alone to see, so that free beams do not erase what the camera is sure of. Imports numpy only.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from revnm_client.geometry import Pose2
+from revnm_client.messages import Scan
+from revnm_server.floor_grid import FloorGrid
+from revnm_server.floor_map import MapSpec
+from revnm_server.observation import Image32
+
+_BoolGrid = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class ScanSpec:
+    """Weights and times.
+
+    Attributes:
+        hit_logit: Log-odds that a scan's hits add to a cell.
+        free_logit: Log-odds that a scan's free beams take from a cell. Less than the hit's: beams graze walls.
+        most_hit_logit: Bound of what is remembered of hits.
+        most_free_logit: Bound of what is remembered of free beams.
+        sure_logit: From here on a hit overrules the camera, and a free cell is floor.
+        hit_decay_s: Time constant with which hits fade that are not seen again.
+        free_decay_s: The same of free floor.
+        reach_m: Beams count up to here; pose errors move what is farther.
+        margin_m: So far before its hit a beam clears nothing.
+    """
+
+    hit_logit: float = 1.2
+    free_logit: float = 0.5
+    most_hit_logit: float = 3.5
+    most_free_logit: float = 2.5
+    sure_logit: float = 1.0
+    hit_decay_s: float = 180.0
+    free_decay_s: float = 20.0
+    reach_m: float = 6.0
+    margin_m: float = 0.12
+
+
+class ScanMemory:
+    """The LiDAR's layer of one camera's map; several robots may write into it."""
+
+    def __init__(self, grid: MapSpec, spec: ScanSpec | None = None) -> None:
+        """Start with nothing.
+
+        Args:
+            grid: Place and size of the cells: those of the camera's map.
+            spec: Weights and times.
+        """
+        self._grid = grid
+        self._spec = spec or ScanSpec()
+        self._middles = grid.middles_m().astype(np.float32)
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget everything, as when the map's frame has changed."""
+        self._logit = np.zeros(self._grid.shape, dtype=np.float32)
+        self._seen_s = np.full(self._grid.shape, -math.inf)
+        self._stamp_s = -math.inf
+
+    def update(self, scan: Scan, floor_from_robot: Pose2, stamp_s: float) -> None:
+        """Take a scan.
+
+        Args:
+            scan: With any number of beams.
+            floor_from_robot: Where it was taken, in the frame of the map.
+            stamp_s: When, on the clock of the pictures; older ones than the last change no decay.
+        """
+        self._decay(stamp_s)
+        hit = self._hits(scan, floor_from_robot)
+        window, passed = self._passed(scan, floor_from_robot)
+        passed &= ~hit[window]
+        self._logit[hit] += np.float32(self._spec.hit_logit)
+        self._logit[window][passed] -= np.float32(self._spec.free_logit)
+        np.clip(self._logit, -self._spec.most_free_logit, self._spec.most_hit_logit, out=self._logit)
+        self._seen_s[hit] = stamp_s
+        self._seen_s[window][passed] = stamp_s
+
+    @property
+    def probability(self) -> Image32:
+        """(Ny, Nx) float32, that something stands in a cell by the scans alone; 0.5 where they tell nothing."""
+        return np.asarray(1.0 / (1.0 + np.exp(-self._logit)), dtype=np.float32)
+
+    def fuse(self, camera: FloorGrid, stamp_s: float) -> FloorGrid:
+        """Return the camera's map with the scans in it.
+
+        Args:
+            camera: The map of the last picture; it is not changed.
+            stamp_s: Now, on the clock of the pictures.
+        """
+        seen = np.clip(camera.obstacle, 1e-3, 1.0 - 1e-3)
+        logit = np.log(seen / (1.0 - seen)) + self._logit
+        hit = self._logit >= self._spec.sure_logit
+        free = self._logit <= -self._spec.sure_logit
+        logit = np.where(hit, np.maximum(logit, self._logit), logit)
+        obstacle = np.asarray(1.0 / (1.0 + np.exp(-logit)), dtype=np.float32)
+        age = np.minimum(camera.age_s, (stamp_s - self._seen_s).astype(np.float32))
+        return FloorGrid(camera.origin_m, camera.cell_m, obstacle, camera.floor | free, age)
+
+    def _decay(self, stamp_s: float) -> None:
+        elapsed = stamp_s - self._stamp_s
+        if elapsed <= 0.0:
+            return
+        self._stamp_s = stamp_s
+        if math.isfinite(elapsed):
+            hits, free = (math.exp(-elapsed / each) for each in (self._spec.hit_decay_s, self._spec.free_decay_s))
+            self._logit *= np.where(self._logit > 0.0, np.float32(hits), np.float32(free))
+
+    def _hits(self, scan: Scan, pose: Pose2) -> _BoolGrid:
+        points = scan.points_m()
+        points = pose.apply(points[np.hypot(points[:, 0], points[:, 1]) < self._spec.reach_m])
+        cells = np.rint((points - np.array(self._grid.origin_m)) / self._grid.cell_m).astype(np.intp)[:, ::-1]
+        inside = ((cells >= 0) & (cells < self._grid.shape)).all(axis=1)
+        hit = np.zeros(self._grid.shape, dtype=np.bool_)
+        hit[cells[inside, 0], cells[inside, 1]] = True
+        return hit
+
+    def _passed(self, scan: Scan, pose: Pose2) -> tuple[tuple[slice, slice], _BoolGrid]:
+        """Return a window of the grid and which of its cells beams went through, near their middles."""
+        window = self._around(pose)
+        local = pose.inverse().apply(self._middles[window].astype(np.float64)).astype(np.float32)
+        distance = np.hypot(local[..., 0], local[..., 1])
+        angle = np.arctan2(local[..., 1], local[..., 0]) - np.float32(scan.angle_min_rad)
+        turn = np.float32(math.copysign(math.tau, scan.angle_increment_rad))
+        beams = np.mod(angle, turn) / np.float32(scan.angle_increment_rad)
+        nearest = np.rint(beams)
+        aside = np.abs(beams - nearest) * np.float32(abs(scan.angle_increment_rad)) * distance
+        free_to = self._free_m(scan)
+        index = nearest.astype(np.intp)
+        if abs(len(free_to) * scan.angle_increment_rad) > math.tau - 1.5 * abs(scan.angle_increment_rad):
+            index %= len(free_to)
+        inside = (index >= 0) & (index < len(free_to))
+        reach = free_to[np.where(inside, index, 0)]
+        return window, inside & (aside <= 0.5 * self._grid.cell_m) & (distance < reach)
+
+    def _free_m(self, scan: Scan) -> NDArray[np.float32]:
+        """Return how far each beam (N,) clears; a beam that is no number or too short clears nothing."""
+        clears = np.minimum(scan.ranges_m - np.float32(self._spec.margin_m), np.float32(self._spec.reach_m))
+        return np.where(scan.ranges_m >= scan.range_min_m, clears, np.float32(0.0))  # False for what is no number
+
+    def _around(self, pose: Pose2) -> tuple[slice, slice]:
+        """Return the rows and columns within reach of a robot."""
+        place = (pose.y_m, pose.x_m)
+        found = []
+        for value, start, size in zip(place, self._grid.origin_m[::-1], self._grid.shape, strict=True):
+            first, last = ((value + side * self._spec.reach_m - start) / self._grid.cell_m for side in (-1.0, 1.0))
+            found.append(slice(min(size, max(0, math.ceil(first))), min(size, max(0, math.floor(last) + 1))))
+        return found[0], found[1]
