@@ -1,0 +1,177 @@
+"""Looks for the cheapest way over the floor from a robot to a goal, or to the reachable place nearest to it.
+
+Imports numpy, scipy and OpenCV only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from revnm_client.geometry import FloatArray
+from revnm_server.floor_graph import Cell, FloorGraph
+from revnm_server.travel_cost import TravelCost
+from revnm_server.way_smoothing import smooth
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class SearchSettings:
+    """What is a way at all.
+
+    Attributes:
+        footprint_m: What is so near to the robot is under it: it cannot be an obstacle.
+        impassable_m: Nearer to a sure obstacle no way goes: of gaps narrower than twice this, none is tried.
+        lenient_m: That does not hold so near to the robot and to the goal, which are where they are.
+        gain_m: A place that is not the goal must be so much nearer to it than the robot is.
+    """
+
+    footprint_m: float = 0.22
+    impassable_m: float = 0.12
+    lenient_m: float = 0.35
+    gain_m: float = 0.30
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """Where to look for a way.
+
+    Attributes:
+        cost: Of the cells.
+        closed: (Ny, Nx) cells that no way may enter; not the robot's own.
+        robot_m: (2,) where the robot is, metres, frame of the map; may be outside of the grid.
+        likely: The way is expected to cost no more; only the time of the search depends on it.
+    """
+
+    cost: TravelCost
+    closed: BoolArray
+    robot_m: FloatArray
+    likely: float
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What a search found.
+
+    Attributes:
+        way_m: (P, 2) from the robot to where it leads, evenly spaced, metres, frame of the map; None if standing is
+            as good.
+        short_m: How far from the goal the way ends; 0 where it leads to the goal.
+        reason: Why it does not lead to the goal; empty where it does.
+    """
+
+    way_m: FloatArray | None
+    short_m: float
+    reason: str
+
+
+def impassable(cost: TravelCost, robot_m: FloatArray, goal_m: FloatArray, settings: SearchSettings) -> BoolArray:
+    """Return the cells (Ny, Nx) that no way may enter; never the robot's own."""
+    from_robot, from_goal = _distance_m(cost, robot_m), _distance_m(cost, goal_m)
+    lenient = np.minimum(from_robot, from_goal) <= settings.lenient_m
+    closed = (cost.sure_m <= settings.impassable_m) & ~(lenient & (cost.sure_m > 0.0))
+    closed &= from_robot > settings.footprint_m
+    closed[_cell(cost, robot_m)] = False
+    return np.asarray(closed)
+
+
+class FloorSearch:
+    """Searches grids; keeps the graph of the last shape."""
+
+    def __init__(self, settings: SearchSettings) -> None:
+        self._settings = settings
+        self._graph: FloorGraph | None = None
+
+    def find(self, task: Task, goal_m: FloatArray) -> Found:
+        """Look for the way to a goal (2,), metres, frame of the map.
+
+        A goal outside of the grid is approached through the border cell nearest to it, then straight. Where the goal,
+        or that cell, cannot be reached, the way leads to the reachable cell nearest to it on which the robot fits.
+        """
+        cost, entry = task.cost, _cell(task.cost, goal_m)
+        reachable = _connected(task.closed, _cell(cost, task.robot_m))
+        if reachable[entry]:
+            return Found(self._way(task, entry, goal_m), 0.0, "")
+        nearest = self._nearest(cost, reachable, goal_m)
+        end_m = cost.grid.points_m(np.array(nearest, dtype=np.float64))
+        short_m, standing_m = float(np.hypot(*(goal_m - end_m))), float(np.hypot(*(goal_m - task.robot_m)))
+        why = "an obstacle stands on the goal" if cost.sure_m[entry] == 0.0 else "obstacles shut the goal off"
+        if short_m > standing_m - self._settings.gain_m:
+            return Found(None, standing_m, f"{why}, and the robot is as near as it can get ({standing_m:.1f} m)")
+        return Found(self._way(task, nearest, end_m), short_m, f"{why}: the way ends {short_m:.1f} m before it")
+
+    def _nearest(self, cost: TravelCost, reachable: BoolArray, goal_m: FloatArray) -> Cell:
+        """Return the reachable cell nearest to the goal; if there is one, one on which the robot fits."""
+        roomy = reachable & (cost.sure_m > self._settings.footprint_m)
+        choice = roomy if roomy.any() else reachable
+        from_goal = np.where(choice, _distance_m(cost, goal_m), np.inf)
+        row, column = np.unravel_index(int(np.argmin(from_goal)), from_goal.shape)
+        return int(row), int(column)
+
+    def _way(self, task: Task, entry: Cell, end_m: FloatArray) -> FloatArray:
+        cost, cells = task.cost, self._cells(task, entry)
+        # The end cells' middles would be detours from where robot and goal are, unless these are outside.
+        inner = cells[1:-1] if _inside(cost, task.robot_m) else cells[:-1]
+        inner = inner if _inside(cost, end_m) else np.concatenate([inner, cells[-1:]])
+        points = cost.grid.points_m(inner.astype(np.float64))
+        return smooth(np.concatenate([task.robot_m[None], points, end_m[None]]), cost)
+
+    def _cells(self, task: Task, entry: Cell) -> NDArray[np.int64]:
+        """Return the cheapest way's cells (P, 2) (row, column).
+
+        A metre costs at least 1, so that a way of a likely cost stays in an ellipse about its ends: that is searched
+        first, and the whole floor only if the way turns out to be dearer.
+        """
+        if self._graph is None or self._graph.shape != task.closed.shape:
+            self._graph = FloorGraph(task.closed.shape)
+        weights = np.where(task.closed, np.inf, task.cost.per_m.astype(np.float64))
+        start = _cell(task.cost, task.robot_m)
+        likely = task.likely / task.cost.grid.cell_m
+        within = _from_cell(weights, start) + _from_cell(weights, entry) <= likely
+        to_entry = self._graph.to_cell(np.where(within, weights, np.inf), entry, limit=likely)
+        if not np.isfinite(to_entry.potential[start]):
+            to_entry = self._graph.to_cell(weights, entry)
+        return to_entry.cells_from(start)
+
+
+def crosses(way_m: FloatArray, closed: BoolArray, cost: TravelCost) -> bool:
+    """Tell whether a way (P, 2) enters a closed cell."""
+    cells = np.rint(cost.grid.cells(way_m)).astype(np.int64)
+    inside = np.all((cells >= 0) & (cells < closed.shape), axis=1)
+    rows, columns = cells[inside].T
+    return bool(closed[rows, columns].any())
+
+
+def _connected(closed: BoolArray, start: Cell) -> BoolArray:
+    """Return the cells (Ny, Nx) that can be reached from one; not over the corners of closed ones."""
+    free = np.logical_not(closed).view(np.uint8)
+    labels = cv2.connectedComponents(free, connectivity=4)[1]
+    return np.asarray(labels == labels[start])
+
+
+def _distance_m(cost: TravelCost, point_m: FloatArray) -> FloatArray:
+    """Return the distance (Ny, Nx) of the cells' middles to a point (2,), metres."""
+    row, column = cost.grid.cells(point_m)
+    return _from_cell(cost.per_m, (row, column)) * cost.grid.cell_m
+
+
+def _from_cell(layer: NDArray[Any], cell: tuple[float, float]) -> FloatArray:
+    """Return the distance (Ny, Nx), in cells, of each cell of a layer to one (row, column)."""
+    rows, columns = layer.shape
+    return np.asarray(np.hypot(np.arange(rows)[:, None] - cell[0], np.arange(columns) - cell[1]))
+
+
+def _cell(cost: TravelCost, point_m: FloatArray) -> Cell:
+    """Return the cell (row, column) of a point (2,), or of the border nearest to it."""
+    row, column = np.clip(np.rint(cost.grid.cells(point_m)), 0, np.array(cost.per_m.shape) - 1)
+    return int(row), int(column)
+
+
+def _inside(cost: TravelCost, point_m: FloatArray) -> bool:
+    cells = cost.grid.cells(point_m)
+    return bool(np.all((cells >= -0.5) & (cells <= np.array(cost.per_m.shape) - 0.5)))

@@ -1,0 +1,129 @@
+"""Plans on what is known of the floor: a way to the goal that stays the same while the map flickers, and waypoints.
+
+Imports numpy, scipy and OpenCV only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from revnm_client.geometry import FloatArray, Pose2
+from revnm_server.floor_grid import FloorGrid
+from revnm_server.floor_search import FloorSearch, SearchSettings, Task, crosses, impassable
+from revnm_server.kept_way import KeepSettings, KeptWay, Option, judge
+from revnm_server.travel_cost import CostSettings, travel_cost
+from revnm_server.way import at_lengths
+
+_LIKELY = 1.5  # a first way seldom costs more than so many times the straight one
+_GRAPH_EXCESS = 1.1  # and on the graph hardly so many times what it costs once it is smooth
+_SLACK = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerSettings:
+    """How to plan.
+
+    Attributes:
+        waypoints: How many waypoints a plan has, H.
+        spacing_m: Length of way between them.
+        period_s: Ways are looked for no more often, unless the kept one is blocked, left or for another goal.
+        cost: What driving costs.
+        search: What is a way at all.
+        keep: How firmly a way is kept.
+    """
+
+    waypoints: int = 5
+    spacing_m: float = 0.4
+    period_s: float = 0.5
+    cost: CostSettings = field(default_factory=CostSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
+    keep: KeepSettings = field(default_factory=KeepSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class MapPlan:
+    """Where to go.
+
+    Attributes:
+        waypoints_m: (H, 2) metres, frame of the robot; where the way ends sooner its end is repeated. None if
+            standing is as good as any way.
+        way_m: (P, 2) the way from the robot to its end, at most 0.05 m between points, metres, frame of the map; None
+            with the waypoints.
+        cost: Of the way, in metres of free floor that was just seen; inf without one.
+        reason: Why the way does not lead to the goal, or why there is none; empty where all is well.
+    """
+
+    waypoints_m: FloatArray | None
+    way_m: FloatArray | None
+    cost: float
+    reason: str
+
+
+class MapPlanner:
+    """Plans for one robot; remembers its way."""
+
+    def __init__(self, settings: PlannerSettings) -> None:
+        self._settings = settings
+        self._search = FloorSearch(settings.search)
+        self._kept: KeptWay | None = None
+
+    def forget(self) -> None:
+        """Drop the kept way, as when the frame of the map was changed."""
+        self._kept = None
+
+    def plan(
+        self, grid: FloorGrid, map_from_robot: Pose2, goal_m: FloatArray, *, goal_id: str, stamp_ns: int
+    ) -> MapPlan:
+        """Plan from where the robot is now.
+
+        Args:
+            grid: What is known of the floor.
+            map_from_robot: Where the robot is; outside of the grid it is led to it.
+            goal_m: (2,) metres, frame of the map; outside of the grid it is approached through the border.
+            goal_id: A new one drops the kept way.
+            stamp_ns: When all this was so, nanoseconds; any clock. If it runs backwards, the way is looked for anew.
+        """
+        robot_m, settings = np.array(map_from_robot[:2]), self._settings
+        kept = self._kept
+        if kept is not None:
+            serves = kept.serves(goal_id, goal_m, robot_m, settings.keep)
+            kept = kept.followed(robot_m, goal_m) if serves else None
+        cost = travel_cost(grid, settings.cost)
+        closed = impassable(cost, robot_m, goal_m, settings.search)
+        task = Task(cost, closed, robot_m, _LIKELY * float(np.hypot(*(goal_m - robot_m))) + _SLACK)
+        on_way = _option(task, kept.from_robot(robot_m), kept.short_m) if kept and kept.way_m is not None else None
+        fresh = kept is not None and 0 <= stamp_ns - kept.searched_ns < settings.period_s * 1e9
+        if kept is None or not fresh or (on_way is not None and on_way.blocked):
+            kept, on_way = self._renewed(task, goal_m, kept, on_way, goal_id, stamp_ns)
+        self._kept = kept
+        return self._plan(kept, on_way, map_from_robot)
+
+    def _renewed(
+        self, task: Task, goal_m: FloatArray, kept: KeptWay | None, on_way: Option | None, goal_id: str, stamp_ns: int
+    ) -> tuple[KeptWay, Option | None]:
+        """Search, and return the way to keep from now on: the found one or the one that was kept."""
+        if on_way is not None:
+            task = replace(task, likely=_GRAPH_EXCESS * on_way.cost + _SLACK)
+        found = self._search.find(task, goal_m)
+        other = None if found.way_m is None else _option(task, found.way_m, found.short_m)
+        if kept is not None and on_way is not None:
+            if other is None:
+                taken, defeats = on_way.blocked, 0
+            else:
+                taken, defeats = judge(on_way, other, kept.defeats, self._settings.keep)
+            if not taken:
+                return replace(kept, defeats=defeats, searched_ns=stamp_ns), on_way
+        return KeptWay(goal_id, goal_m, found.way_m, found.short_m, found.reason, stamp_ns), other
+
+    def _plan(self, kept: KeptWay, on_way: Option | None, map_from_robot: Pose2) -> MapPlan:
+        if on_way is None:
+            return MapPlan(None, None, np.inf, kept.reason)
+        lengths = self._settings.spacing_m * np.arange(1.0, self._settings.waypoints + 1.0)
+        waypoints = map_from_robot.inverse().apply(at_lengths(on_way.way_m, lengths))
+        return MapPlan(waypoints, on_way.way_m, on_way.cost, kept.reason)
+
+
+def _option(task: Task, way_m: FloatArray, short_m: float) -> Option:
+    return Option(way_m, task.cost.of_way(way_m), short_m, crosses(way_m, task.closed, task.cost))
