@@ -13,7 +13,7 @@ from revnm_client.geometry import Pose2
 from revnm_client.messages import Velocity
 from revnm_server.tag_plane import TagPlane
 from revnm_sim.bench.image_plan import ImageGrid, ImageRoute, find_path, look_ahead, see_floor
-from revnm_sim.bench.methods import METHODS, MethodContext
+from revnm_sim.bench.methods import METHODS, MethodContext, RobotFeed
 from revnm_sim.bench.methods.ibvs import by_image_angles, free_by_pixels, goal_pixel, heading_scale
 from revnm_sim.bench.row_scale import RowScale, free_by_metres
 from revnm_sim.bench.trial import Trial, TrialKey, TrialResult
@@ -58,7 +58,7 @@ def trial(place: Scenario, method: str) -> TrialResult:
 def first_waypoints(place: Scenario, method: str) -> np.ndarray:
     with Simulation(place, place.seed) as simulation:
         field = Expert(scenario().world).field(place.goal_m)
-        waypoints = METHODS[method](MethodContext(place, simulation, field, "truth", "")).waypoints()
+        waypoints = METHODS[method](MethodContext(place, simulation, field, "truth", "", RobotFeed())).waypoints()
     assert waypoints is not None
     return waypoints
 
@@ -242,7 +242,9 @@ def test_a_hidden_robot_keeps_its_last_sighting(method: str) -> None:
     place = scenario(box(-2.6, -0.25, (0.1, 0.3, 2.5)), camera=OBLIQUE)
     tags = primitive_arrays(place.world.obstacles)
     with Simulation(place, place.seed) as simulation:
-        servo = METHODS[method](MethodContext(place, simulation, Expert(place.world).field(place.goal_m), "truth", ""))
+        servo = METHODS[method](
+            MethodContext(place, simulation, Expert(place.world).field(place.goal_m), "truth", "", RobotFeed())
+        )
         told = []
         for _ in range(13):
             waypoints, pose = servo.waypoints(), simulation.true_pose

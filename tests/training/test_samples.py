@@ -106,7 +106,10 @@ def test_an_exact_sample_is_what_the_pipeline_shows_the_networks() -> None:
         clicked, _ = camera.project(np.append(goal_m, 0.0))
         networks = Watching()
         with Simulation(scenario, 0) as simulation:
-            sees = {"depth": TrueDisparity(scenario, simulation, spec), "tags": TrueSightings(scenario, simulation)}
+            sees = {
+                "depth": TrueDisparity(scenario, simulation, spec.disparity_hw),
+                "tags": TrueSightings(scenario, simulation),
+            }
             pipeline = Pipeline(spec, **sees, exo2ego=networks, planner=networks)
             frame = Frame(np.zeros((*size_px[::-1], 3), dtype=np.uint8), stamp_ns=0, seq=1)
             pipeline.step(frame, {"rover": Goal("g", tuple(clicked), size_px)})

@@ -131,7 +131,7 @@ class Calibrator:
         if found is None or self._solution is None:
             raise KeyError(drive)
         chosen = np.r_[0:PARAMETERS, PARAMETERS + 3 * len(self._drives) + 3 * found[1] + np.arange(3)]
-        return self._solution.covariance[np.ix_(chosen, chosen)]
+        return np.asarray(self._solution.covariance[np.ix_(chosen, chosen)])
 
     def _spread(self, distance_m: float) -> float:
         """Return the spread around the robot seen last, or 4 m before the camera."""

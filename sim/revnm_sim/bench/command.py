@@ -15,7 +15,7 @@ from revnm_server.bundle import default_bundle_path, file_sha256
 from revnm_server.manifest import MANIFEST, read_manifest
 from revnm_sim.bench.engine import ENGINES, Engine
 from revnm_sim.bench.journal import Journal
-from revnm_sim.bench.methods import METHODS, WITH_MODELS, WITH_OWN_BUNDLE
+from revnm_sim.bench.methods import METHODS, WITH_DEPTH_NETWORK, WITH_MODELS, WITH_OWN_BUNDLE
 from revnm_sim.bench.protocol import PROTOCOLS, Protocol, draw_setting, fit_protocol, parse_protocol
 from revnm_sim.bench.publish import publish
 from revnm_sim.bench.trial import TrialKey, TrialResult, run_trial
@@ -103,7 +103,7 @@ def trial_keys(args: argparse.Namespace) -> list[TrialKey]:
         ContractError: A world has no pair that a camera sees.
     """
     methods = _names(args.method, METHODS, "method")
-    bundles = _bundles(args.bundle, methods)
+    bundles = _bundles(args.bundle, methods, args.perception)
     protocol = parse_protocol(args.protocol)
     return [
         key for world in dict.fromkeys(args.world.split(",")) for key in _world_keys(world, args, protocol, bundles)
@@ -148,21 +148,22 @@ def _world_keys(
     ]
 
 
-def _bundles(options: Sequence[str], methods: Sequence[str]) -> dict[str, _Models]:
+def _bundles(options: Sequence[str], methods: Sequence[str], perception: str) -> dict[str, _Models]:
     """Return the models of every method."""
     common, own = default_bundle_path(), {}
+    with_bundle = WITH_MODELS | WITH_DEPTH_NETWORK if perception == "models" else WITH_MODELS
     for option in options:
         name, equals, folder = option.partition("=")
         if not equals:
             common = Path(option)
-        elif name in methods and name in WITH_MODELS:
+        elif name in methods and name in with_bundle:
             own[name] = Path(folder)
         else:
             raise ConfigError(f"--bundle {option}: {name} is none of the methods with models that --method names")
     for method in methods:
         if method in WITH_OWN_BUNDLE and method not in own:
             raise ConfigError(f"--method {method}: expected --bundle {method}=FOLDER, a bundle of its own")
-    return {m: _models(own.get(m, common)) if m in WITH_MODELS else _Models() for m in methods}
+    return {m: _models(own.get(m, common)) if m in with_bundle else _Models() for m in methods}
 
 
 def _models(folder: Path) -> _Models:

@@ -15,7 +15,7 @@ import numpy as np
 
 from revnm_client.agent import AgentConfig, RobotAgent
 from revnm_client.messages import Plan
-from revnm_sim.bench.methods import METHODS, MethodContext, Perception
+from revnm_sim.bench.methods import METHODS, MethodContext, Perception, RobotFeed
 from revnm_sim.bench.protocol import PairRule, draw_setting, trial_seed
 from revnm_sim.route import Route
 from revnm_sim.scenario import Scenario
@@ -120,7 +120,8 @@ class Trial:
         """
         self._scenario, self._route = scenario, route
         self._simulation = Simulation(scenario, scenario.seed)
-        context = MethodContext(scenario, self._simulation, route.field, key.perception, key.bundle)
+        self._feed = RobotFeed()
+        context = MethodContext(scenario, self._simulation, route.field, key.perception, key.bundle, self._feed)
         self._method = METHODS[key.method](context)
         self._agent = RobotAgent(AgentConfig(robot="rover", seed=scenario.seed))
         self._agent.set_clock_offset(0)
@@ -145,9 +146,13 @@ class Trial:
 
     def _sense(self, step: int) -> None:
         now_ns = self._simulation.time_ns
-        self._agent.on_odometry(self._simulation.odometry(), now_ns)
+        odometry = self._simulation.odometry()
+        self._agent.on_odometry(odometry, now_ns)
+        self._feed.odometry.append(odometry)
         if step % _CONTROLS_PER_SCAN == 0:
-            self._agent.on_scan(self._simulation.scan(), now_ns)
+            scan = self._simulation.scan()
+            self._agent.on_scan(scan, now_ns)
+            self._feed.scans.append(scan)
         if step % _CONTROLS_PER_PICTURE == 0:
             self._make_plan(now_ns)
         while self._plans and self._plans[0][0] <= now_ns:

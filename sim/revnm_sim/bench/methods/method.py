@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from revnm_client.geometry import FloatArray
+from revnm_client.messages import Odometry, Scan
 from revnm_sim.expert import CostToGo
 from revnm_sim.scenario import Scenario
 from revnm_sim.simulation import Simulation
@@ -14,6 +15,19 @@ Perception = Literal["truth", "models"]
 
 WAYPOINTS = 5
 SPACING_M = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class RobotFeed:
+    """What the robot has sent since the method last looked; the method empties the lists.
+
+    Attributes:
+        odometry: Oldest first.
+        scans: Oldest first.
+    """
+
+    odometry: list[Odometry] = field(default_factory=list)
+    scans: list[Scan] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +40,7 @@ class MethodContext:
         field: The expert's cost to the goal.
         perception: Whether depth comes from the simulator or from the rendered picture.
         bundle: Folder of the model bundle.
+        feed: What the robot sends.
     """
 
     scenario: Scenario
@@ -33,6 +48,7 @@ class MethodContext:
     field: CostToGo
     perception: Perception
     bundle: str
+    feed: RobotFeed
 
 
 class Method(Protocol):

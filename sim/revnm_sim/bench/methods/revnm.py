@@ -18,7 +18,7 @@ from revnm_server.bundle import Bundle, load_bundle
 from revnm_server.depth import OnnxDepth
 from revnm_server.exo2ego import OnnxExo2Ego
 from revnm_server.frame import Frame, RobotSighting
-from revnm_server.observation import Image32, ObservationSpec
+from revnm_server.observation import Image32
 from revnm_server.pipeline import Pipeline
 from revnm_server.policy import OnnxPolicy
 from revnm_server.ports import EgoDepth
@@ -35,10 +35,10 @@ EgoSource = Callable[[Bundle, MethodContext], EgoDepth]
 class TrueDisparity:
     """Exact disparity of the remote camera's view, the robot included."""
 
-    def __init__(self, scenario: Scenario, simulation: Simulation, spec: ObservationSpec) -> None:
+    def __init__(self, scenario: Scenario, simulation: Simulation, grid_hw: tuple[int, int]) -> None:
         self._scenario, self._simulation = scenario, simulation
         arrays = primitive_arrays(scenario.world.primitives)
-        self._background = cast_depth(arrays, scenario.camera, spec.disparity_hw)
+        self._background = cast_depth(arrays, scenario.camera, grid_hw)
 
     def disparity(self, frame: Frame) -> Image32:  # noqa: ARG002 — the truth needs no picture
         """Return the disparity (h, w) as of now."""
@@ -87,10 +87,10 @@ class RevnmMethod:
         scenario, self._simulation = context.scenario, context.simulation
         bundle = load_bundle(Path(context.bundle), threads=1)
         self._rendered = context.perception == "models"
-        depth = OnnxDepth(bundle) if self._rendered else TrueDisparity(scenario, self._simulation, bundle.spec)
+        truth = TrueDisparity(scenario, self._simulation, bundle.spec.disparity_hw)
         self._pipeline = Pipeline(
             bundle.spec,
-            depth=depth,
+            depth=OnnxDepth(bundle) if self._rendered else truth,
             tags=TrueSightings(scenario, self._simulation),
             exo2ego=ego(bundle, context),
             planner=OnnxPolicy(bundle),

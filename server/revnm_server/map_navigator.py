@@ -1,0 +1,241 @@
+"""From depth pictures, sightings, odometry and scans to waypoints, over a map that the camera's own calibration makes.
+
+    sightings + odometry → calibration → floor_from_robot
+    disparity → memory → lift → map of the floor ← scans
+    map + floor_from_robot + goal pixel → way → waypoints
+
+Until the calibration is good enough the robot takes careful first steps that teach it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from revnm_client.geometry import FloatArray, Pose2
+from revnm_client.messages import Odometry, Scan
+from revnm_server.calibration.calibrator import CalibrationState, Calibrator
+from revnm_server.calibration.keyframes import Keyframe, TagMount
+from revnm_server.calibration.odometry_track import OdometryTrack
+from revnm_server.first_steps import StepSettings, first_steps
+from revnm_server.floor_camera import FloorCamera
+from revnm_server.floor_grid import FloorGrid
+from revnm_server.floor_map import Body
+from revnm_server.frame import RobotSighting
+from revnm_server.map_planner import MapPlanner, PlannerSettings
+from revnm_server.observation import Image32
+from revnm_server.ports import GoalPixel
+from revnm_server.robot_mask import robot_mask
+from revnm_server.scan_trail import PastScan, ScanTrail
+from revnm_server.site_map import SiteMap
+from revnm_server.tag_plane import TagPlane
+
+_DRIVES_OF_A_ROBOT = 1_000_000
+_GOOD_ENOUGH_M = 0.35  # spread at 2 m from which the map leads the robot
+
+
+@dataclass(frozen=True, slots=True)
+class RobotShape:
+    """What the map must know of a robot.
+
+    Attributes:
+        mount: Its tag.
+        length_m: Along its heading, the tag in the middle.
+        width_m: Across.
+    """
+
+    mount: TagMount
+    length_m: float
+    width_m: float
+
+    def body(self, floor_from_robot: Pose2) -> Body:
+        """Return the robot at a place."""
+        return Body(floor_from_robot, self.length_m, self.width_m, self.mount.height_m)
+
+
+@dataclass(frozen=True, slots=True)
+class MapRoute:
+    """What a robot shall do.
+
+    Attributes:
+        waypoints_m: (H, 2) metres, frame of the robot at the picture's capture; None for no plan.
+        way_m: (P, 2) the way in the camera's floor frame, metres; None without a map.
+        reason: Why there is no plan, or what is provisional about it; empty where all is well.
+    """
+
+    waypoints_m: FloatArray | None
+    way_m: FloatArray | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatorTick:
+    """What one picture gave.
+
+    Attributes:
+        routes: By robot, for those that have a goal.
+        places: floor_from_robot by robot, for those whose place is known.
+        grid: The map, in the camera's floor frame; None while there is none.
+        calibration: How well the camera is known.
+    """
+
+    routes: dict[str, MapRoute]
+    places: dict[str, Pose2]
+    grid: FloorGrid | None
+    calibration: CalibrationState
+
+
+@dataclass(slots=True)
+class _Robot:
+    shape: RobotShape
+    track: OdometryTrack
+    planner: MapPlanner
+    trail: ScanTrail = field(default_factory=ScanTrail)
+    scan: Scan | None = None
+    sighting: RobotSighting | None = None
+    driven: list[Pose2] = field(default_factory=list)
+
+
+class MapNavigator:
+    """One camera, its map, and the ways of its robots."""
+
+    def __init__(
+        self,
+        robots: Mapping[str, RobotShape],
+        calibrator: Calibrator,
+        site: SiteMap,
+        *,
+        planner: PlannerSettings | None = None,
+        steps: StepSettings | None = None,
+    ) -> None:
+        """Begin with an empty map.
+
+        Args:
+            robots: By name.
+            calibrator: Of the camera.
+            site: The map.
+            planner: How to plan on it.
+            steps: How to drive before there is a calibration.
+        """
+        self._calibrator, self._site = calibrator, site
+        self._steps = steps or StepSettings()
+        self._robots = {
+            name: _Robot(shape, OdometryTrack(index * _DRIVES_OF_A_ROBOT), MapPlanner(planner or PlannerSettings()))
+            for index, (name, shape) in enumerate(robots.items())
+        }
+
+    def hear_odometry(self, robot: str, odometry: Odometry) -> None:
+        """Take a robot's odometry."""
+        self._robots[robot].track.push(odometry)
+
+    def hear_scan(self, robot: str, scan: Scan) -> None:
+        """Take a robot's scan, whose odometry came before it."""
+        each = self._robots[robot]
+        each.scan = scan
+        travel = each.track.at(scan.stamp_ns)
+        if travel is None:
+            return
+        past = PastScan(scan, travel, each.track.drive)
+        each.trail.push(past)
+        place = self._calibrator.floor_from_robot(travel, past.drive)
+        if place is not None:
+            self._site.hear_scan(scan, place)
+
+    def step(
+        self,
+        stamp_ns: int,
+        disparity: Image32,
+        sightings: Sequence[RobotSighting],
+        goals: Mapping[str, GoalPixel],
+    ) -> NavigatorTick:
+        """Process one picture.
+
+        Args:
+            stamp_ns: Its capture time.
+            disparity: (h, w) its disparity, up to scale and shift.
+            sightings: The robots that are visible in it.
+            goals: Where robots should go; who is not in it gets no route.
+        """
+        for sighting in sightings:
+            self._observe(sighting)
+        state = self._calibrator.state
+        places = self._places(stamp_ns)
+        if state.camera is not None and self._site.recalibrate(state):
+            self._changed()
+        self._see(stamp_ns, disparity, places, state.camera)
+        routes = {robot: self._route(robot, goal, stamp_ns, places.get(robot), state) for robot, goal in goals.items()}
+        return NavigatorTick(routes, places, self._site.grid(stamp_ns), state)
+
+    def _observe(self, sighting: RobotSighting) -> None:
+        each = self._robots[sighting.robot]
+        each.sighting = sighting
+        travel = each.track.at(sighting.stamp_ns)
+        if travel is not None:
+            each.driven.append(travel.odom_from_robot)
+            self._calibrator.observe(
+                Keyframe(sighting.pixel, sighting.heading, sighting.corners, travel, each.shape.mount, each.track.drive)
+            )
+
+    def _places(self, stamp_ns: int) -> dict[str, Pose2]:
+        found = {}
+        for name, each in self._robots.items():
+            travel = each.track.at(stamp_ns)
+            place = self._calibrator.floor_from_robot(travel, each.track.drive) if travel is not None else None
+            if place is not None:
+                found[name] = place
+        return found
+
+    def _changed(self) -> None:
+        """Place all scans again in the frame of the new calibration, and look for ways anew."""
+        for each in self._robots.values():
+            each.planner.forget()
+            for past in each.trail.all():
+                place = self._calibrator.floor_from_robot(past.travel, past.drive)
+                if place is not None:
+                    self._site.hear_scan(past.scan, place)
+
+    def _see(self, stamp_ns: int, disparity: Image32, places: Mapping[str, Pose2], camera: FloorCamera | None) -> None:
+        bodies = {name: self._robots[name].shape.body(place) for name, place in places.items()}
+        sightings = [each.sighting for each in self._robots.values() if each.sighting is not None]
+        hidden = robot_mask(disparity.shape, self._site.size_px, camera, bodies, sightings)
+        self._site.see(stamp_ns, disparity, hidden, tuple(bodies.values()))
+
+    def _route(
+        self, robot: str, goal: GoalPixel, stamp_ns: int, place: Pose2 | None, state: CalibrationState
+    ) -> MapRoute:
+        each = self._robots[robot]
+        if each.sighting is None:
+            return MapRoute(None, None, "the camera has not seen the robot yet")
+        pixel = np.asarray(goal.normalised) * np.array(self._site.size_px) - 0.5
+        if state.camera is None or place is None or not state.spread_2_m <= _GOOD_ENOUGH_M:
+            return self._first_steps(each, pixel, stamp_ns, state)
+        grid = self._site.grid(stamp_ns)
+        if grid is None:
+            return MapRoute(None, None, self._site.reason)
+        goal_m, valid = state.camera.on_plane(pixel)
+        if not valid:
+            return MapRoute(None, None, "the goal is above the horizon")
+        plan = each.planner.plan(grid, place, goal_m, goal_id=goal.id, stamp_ns=stamp_ns)
+        return MapRoute(plan.waypoints_m, plan.way_m, plan.reason)
+
+    def _first_steps(self, each: _Robot, pixel: FloatArray, stamp_ns: int, state: CalibrationState) -> MapRoute:
+        assert each.sighting is not None
+        if stamp_ns != each.sighting.stamp_ns:
+            return MapRoute(None, None, "the robot is hidden and the camera not calibrated yet")
+        bearing = _bearing_rad(each.sighting, pixel, each.shape.mount.size_m)
+        scan = each.scan.points_m() if each.scan is not None else None
+        steps = first_steps(scan, bearing, each.driven, self._steps)
+        reason = steps.reason or f"learning the camera: {state.progress:.0%}"
+        return MapRoute(steps.waypoints_m, None, reason)
+
+
+def _bearing_rad(sighting: RobotSighting, pixel: FloatArray, tag_m: float) -> float:
+    """Return about where a pixel lies from a robot's heading, left positive, by its tag alone."""
+    places, valid = TagPlane(sighting, tag_size_m=tag_m).locate(pixel[None])
+    if valid[0]:
+        return math.atan2(places[0, 1], places[0, 0])
+    ahead, aside = sighting.heading, pixel - sighting.pixel
+    return -math.atan2(ahead[0] * aside[1] - ahead[1] * aside[0], float(ahead @ aside))  # v points down

@@ -1,0 +1,118 @@
+"""The map of one camera's view: what its pictures show and the scans have met, as the calibration has it now."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from revnm_client.geometry import FloatArray, Pose2
+from revnm_client.messages import Scan
+from revnm_server.calibration.calibrator import CalibrationState
+from revnm_server.disparity_memory import DisparityMemory
+from revnm_server.floor_camera import FloorCamera
+from revnm_server.floor_grid import FloorGrid
+from revnm_server.floor_map import Body, FloorMapper, MapSpec
+from revnm_server.floor_view import floor_view
+from revnm_server.lift import FloorLifter, NoFloor
+from revnm_server.observation import Image32
+from revnm_server.scan_memory import ScanMemory
+
+_SHIFT = 0.01  # of its distance: a place that moves more asks for a new map
+_SURER = 0.7  # of its spread: a calibration that is so much surer, too
+_LONGEST_WITHOUT_NS = 2_000_000_000
+_NS_PER_S = 1e9
+
+
+class SiteMap:
+    """The map in the camera's floor frame."""
+
+    def __init__(
+        self,
+        size_px: tuple[int, int],
+        disparity_hw: tuple[int, int],
+        spec: MapSpec | None = None,
+        *,
+        scans: bool = True,
+    ) -> None:
+        """Begin with nothing.
+
+        Args:
+            size_px: Width and height of the camera's picture.
+            disparity_hw: Height and width of its disparity.
+            spec: Size of the map and weight of its evidence.
+            scans: Whether scans go into the map.
+        """
+        self.size_px = size_px
+        self.reason = "no calibration yet"
+        self._hw, self._spec = disparity_hw, spec or MapSpec()
+        self._memory = DisparityMemory(disparity_hw)
+        self._scans = ScanMemory(self._spec) if scans else None
+        self._camera: FloorCamera | None = None
+        self._spread_m = math.inf
+        self._event: str | None = None
+        self._seen: FloorGrid | None = None
+        self._seen_ns = 0
+
+    def recalibrate(self, state: CalibrationState) -> bool:
+        """Take a calibration; return whether it changed the map's frame, so that scans must be placed again.
+
+        A calibration that began anew, because something has jumped, forgets what the pictures showed before.
+        """
+        assert state.camera is not None
+        jumped = state.event != self._event
+        surer = state.spread_2_m < _SURER * self._spread_m
+        if self._camera is not None and not jumped and not surer and self._shift(state.camera) < _SHIFT:
+            return False
+        self._camera, self._spread_m, self._event = state.camera, state.spread_2_m, state.event
+        view = floor_view(state.camera, self._hw, state.covariance)
+        self._lifter, self._mapper = FloorLifter(view), FloorMapper(view, self._spec)
+        if self._scans is not None:
+            self._scans.forget()
+        if jumped:
+            self._memory.forget()
+            self._seen = None
+        return True
+
+    def hear_scan(self, scan: Scan, floor_from_robot: Pose2) -> None:
+        """Take a scan that was made at a place."""
+        if self._scans is not None:
+            self._scans.update(scan, floor_from_robot, scan.stamp_ns / _NS_PER_S)
+
+    def see(self, stamp_ns: int, disparity: Image32, robots: NDArray[np.bool_], bodies: tuple[Body, ...]) -> None:
+        """Take a picture.
+
+        Args:
+            stamp_ns: Its capture time.
+            disparity: (h, w), up to scale and shift.
+            robots: (h, w), where robots are in it.
+            bodies: Robots whose places are known.
+        """
+        remembered = self._memory.update(disparity, robots, stamp_ns / _NS_PER_S)
+        if self._camera is None:
+            return
+        lifted = self._lifter.lift(remembered.disparity, remembered.usable)
+        if isinstance(lifted, NoFloor):
+            self.reason = lifted.reason
+            return
+        self.reason = ""
+        self._seen, self._seen_ns = self._mapper.draw(lifted, remembered.age_s, bodies), stamp_ns
+
+    def grid(self, stamp_ns: int) -> FloorGrid | None:
+        """Return the map as of a time; None while no picture of the last seconds could be lifted."""
+        if self._seen is None or stamp_ns - self._seen_ns > _LONGEST_WITHOUT_NS:
+            return None
+        return self._scans.fuse(self._seen, stamp_ns / _NS_PER_S) if self._scans is not None else self._seen
+
+    def _shift(self, camera: FloorCamera) -> float:
+        """Return how far the places of some pixels move with a new calibration, as a share of their distance."""
+        assert self._camera is not None
+        width, height = self.size_px
+        pixels = np.stack(np.meshgrid(np.linspace(0.1, 0.9, 3) * width, np.linspace(0.4, 1.0, 4) * height), axis=-1)
+        before, valid = self._camera.on_plane(pixels)
+        after, still = camera.on_plane(pixels)
+        far = np.linalg.norm(before, axis=-1)
+        known = valid & still & (far < 8.0)
+        moved: FloatArray = np.linalg.norm(after - before, axis=-1)[known] / np.maximum(far[known], 1.0)
+        return float(moved.max(initial=0.0))
