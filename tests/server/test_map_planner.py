@@ -106,7 +106,7 @@ def test_between_searches_the_kept_way_is_followed_and_its_end_follows_the_goal(
     kept_by, grid = planner(), floor(12.0, 10.0, *TWO_GAPS)
     first = plan(kept_by, grid)
     driven = Pose2(*first.way_m[20], 0.3)
-    goal = (*GOAL, 0.1, 0.2)
+    goal = GOAL + np.array([0.1, 0.2])
     later = kept_by.plan(grid, driven, goal, goal_id="a", stamp_ns=HALF_S - 1)
     middle = slice(10, -25)
     apart = np.hypot(*(later.way_m[middle, None] - first.way_m).transpose(2, 0, 1)).min(axis=1)
