@@ -139,12 +139,28 @@ class FloorSearch:
         return to_entry.cells_from(start)
 
 
+def corridor(way_m: FloatArray, cost: TravelCost, width_m: float) -> BoolArray:
+    """Return the cells (Ny, Nx) that are no farther than a width from a way (P, 2) whose points are close."""
+    off = np.ones(cost.per_m.shape, dtype=np.uint8)
+    rows, columns = _inner_cells(way_m, cost)
+    off[rows, columns] = 0
+    if off.all():
+        return np.zeros(off.shape, dtype=np.bool_)
+    distance = cv2.distanceTransform(off, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(distance * cost.grid.cell_m <= width_m)
+
+
 def crosses(way_m: FloatArray, closed: BoolArray, cost: TravelCost) -> bool:
     """Tell whether a way (P, 2) enters a closed cell."""
-    cells = np.rint(cost.grid.cells(way_m)).astype(np.int64)
-    inside = np.all((cells >= 0) & (cells < closed.shape), axis=1)
-    rows, columns = cells[inside].T
+    rows, columns = _inner_cells(way_m, cost)
     return bool(closed[rows, columns].any())
+
+
+def _inner_cells(way_m: FloatArray, cost: TravelCost) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return rows (Q,) and columns (Q,) of the points (P, 2) that are on the grid."""
+    cells = np.rint(cost.grid.cells(way_m)).astype(np.int64)
+    inside = np.all((cells >= 0) & (cells < cost.per_m.shape), axis=1)
+    return cells[inside, 0], cells[inside, 1]
 
 
 def _connected(closed: BoolArray, start: Cell) -> BoolArray:

@@ -27,7 +27,9 @@ class KeepSettings:
         margin: ...and so much less, metres of free floor.
         patience: It must be so in so many searches, one after the other.
         much: At less than this share it is taken at once.
-        same_m: A way that stays so near to the kept one passes everything on the same side: taking it is no flip.
+        corridor_m: The kept way may swerve so far for what comes to be seen; other ways are compared with the best
+            way within. Else a speck that flickers on the kept way would make the other side look cheaper.
+        same_m: A way that stays so near to the kept one passes everything on the same side.
         same_ratio: It is taken if it costs less than this share.
         nearer_m: A way that ends so much nearer to the goal is taken at once.
         off_m: A robot farther away is no longer on the way.
@@ -38,6 +40,7 @@ class KeepSettings:
     margin: float = 0.5
     patience: int = 2
     much: float = 0.5
+    corridor_m: float = 0.6
     same_m: float = 0.4
     same_ratio: float = 0.98
     nearer_m: float = 0.3
@@ -102,25 +105,37 @@ class KeptWay:
             ahead = bent_to(ahead[::-1], goal_m, over_m=_AGAIN_LEAST_M)[::-1]
         return replace(self, way_m=ahead, goal_m=goal_m)
 
-    def from_robot(self, robot_m: FloatArray) -> FloatArray:
+    def from_robot(self, robot_m: FloatArray) -> FloatArray | None:
         """Return the way (P, 2) from the robot (2,), led smoothly back to the kept one, evenly spaced."""
-        assert self.way_m is not None
+        if self.way_m is None:
+            return None
         beside_m = float(np.hypot(*(robot_m - self.way_m[0])))
         return evenly(bent_to(self.way_m, robot_m, over_m=max(_AGAIN_LEAST_M, _AGAIN_PER_M * beside_m)))
+
+
+def swerves(kept: Option, beside: Option, settings: KeepSettings) -> bool:
+    """Tell whether the best way in the corridor of the kept one shall be taken instead: no change of mind.
+
+    Small gains are taken only where everything is passed on the same side, so that it does not sway about a post.
+    """
+    if beside.short_m > kept.short_m + settings.nearer_m or beside.blocked:
+        return False
+    if kept.blocked or beside.cost < min(settings.ratio * kept.cost, kept.cost - settings.margin):
+        return True
+    near = farthest_m(beside.way_m[::_COARSE], kept.way_m) <= settings.same_m
+    return near and beside.cost < settings.same_ratio * kept.cost
 
 
 def judge(kept: Option, other: Option, defeats: int, settings: KeepSettings) -> tuple[bool, int]:
     """Tell whether another way shall be taken, and how often in a row, with this time, it was clearly cheaper.
 
-    In this order: a blocked way is left; one that ends nearer to the goal wins; on the same side the cheaper one is
-    taken; on another side only a much cheaper one at once, and a clearly cheaper one when it stays so.
+    A blocked way is left at once, and so is one that ends farther from the goal; for a much cheaper one too; for a
+    clearly cheaper one when it stays so.
     """
     if kept.blocked or other.short_m < kept.short_m - settings.nearer_m:
         return True, 0
     if other.short_m > kept.short_m + settings.nearer_m:
         return False, 0
-    if farthest_m(other.way_m[::_COARSE], kept.way_m) <= settings.same_m:
-        return other.cost < settings.same_ratio * kept.cost, 0
     clearly = other.cost < min(settings.ratio * kept.cost, kept.cost - settings.margin)
     defeats = defeats + 1 if clearly else 0
     much = clearly and other.cost < settings.much * kept.cost

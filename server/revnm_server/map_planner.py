@@ -11,8 +11,8 @@ import numpy as np
 
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_server.floor_grid import FloorGrid
-from revnm_server.floor_search import FloorSearch, SearchSettings, Task, crosses, impassable
-from revnm_server.kept_way import KeepSettings, KeptWay, Option, judge
+from revnm_server.floor_search import FloorSearch, Found, SearchSettings, Task, corridor, crosses, impassable
+from revnm_server.kept_way import KeepSettings, KeptWay, Option, judge, swerves
 from revnm_server.travel_cost import CostSettings, travel_cost
 from revnm_server.way import at_lengths
 
@@ -93,7 +93,7 @@ class MapPlanner:
         cost = travel_cost(grid, settings.cost)
         closed = impassable(cost, robot_m, goal_m, settings.search)
         task = Task(cost, closed, robot_m, _LIKELY * float(np.hypot(*(goal_m - robot_m))) + _SLACK)
-        on_way = _option(task, kept.from_robot(robot_m), kept.short_m) if kept and kept.way_m is not None else None
+        on_way = _option(task, kept.from_robot(robot_m), kept.short_m) if kept else None
         fresh = kept is not None and 0 <= stamp_ns - kept.searched_ns < settings.period_s * 1e9
         if kept is None or not fresh or (on_way is not None and on_way.blocked):
             kept, on_way = self._renewed(task, goal_m, kept, on_way, goal_id, stamp_ns)
@@ -104,18 +104,30 @@ class MapPlanner:
         self, task: Task, goal_m: FloatArray, kept: KeptWay | None, on_way: Option | None, goal_id: str, stamp_ns: int
     ) -> tuple[KeptWay, Option | None]:
         """Search, and return the way to keep from now on: the found one or the one that was kept."""
-        if on_way is not None:
-            task = replace(task, likely=_GRAPH_EXCESS * on_way.cost + _SLACK)
-        found = self._search.find(task, goal_m)
-        other = None if found.way_m is None else _option(task, found.way_m, found.short_m)
-        if kept is not None and on_way is not None:
-            if other is None:
-                taken, defeats = on_way.blocked, 0
-            else:
-                taken, defeats = judge(on_way, other, kept.defeats, self._settings.keep)
-            if not taken:
-                return replace(kept, defeats=defeats, searched_ns=stamp_ns), on_way
-        return KeptWay(goal_id, goal_m, found.way_m, found.short_m, found.reason, stamp_ns), other
+        if kept is None or on_way is None:
+            found = self._search.find(task, goal_m)
+            return _taken(found, goal_id, goal_m, stamp_ns), _option(task, found.way_m, found.short_m)
+        kept, on_way = self._swerved(task, kept, on_way)
+        found = self._search.find(replace(task, likely=_GRAPH_EXCESS * on_way.cost + _SLACK), goal_m)
+        other = _option(task, found.way_m, found.short_m)
+        leave, defeats = on_way.blocked, 0
+        if other is not None:
+            leave, defeats = judge(on_way, other, kept.defeats, self._settings.keep)
+        if leave:
+            return _taken(found, goal_id, goal_m, stamp_ns), other
+        return replace(kept, defeats=defeats, searched_ns=stamp_ns), on_way
+
+    def _swerved(self, task: Task, kept: KeptWay, on_way: Option) -> tuple[KeptWay, Option]:
+        """Return the best way in the corridor of the kept one, if that is worth it; else the kept one."""
+        keep = self._settings.keep
+        end_m = on_way.way_m[-1]
+        beside = corridor(on_way.way_m, task.cost, keep.corridor_m)
+        likely = _GRAPH_EXCESS * on_way.cost + _SLACK
+        found = self._search.find(replace(task, closed=task.closed | ~beside, likely=likely), end_m)
+        other = _option(task, found.way_m, kept.short_m + found.short_m)
+        if other is None or not swerves(on_way, other, keep):
+            return kept, on_way
+        return replace(kept, way_m=other.way_m), other
 
     def _plan(self, kept: KeptWay, on_way: Option | None, map_from_robot: Pose2) -> MapPlan:
         if on_way is None:
@@ -125,5 +137,11 @@ class MapPlanner:
         return MapPlan(waypoints, on_way.way_m, on_way.cost, kept.reason)
 
 
-def _option(task: Task, way_m: FloatArray, short_m: float) -> Option:
+def _taken(found: Found, goal_id: str, goal_m: FloatArray, stamp_ns: int) -> KeptWay:
+    return KeptWay(goal_id, goal_m, found.way_m, found.short_m, found.reason, stamp_ns)
+
+
+def _option(task: Task, way_m: FloatArray | None, short_m: float) -> Option | None:
+    if way_m is None:
+        return None
     return Option(way_m, task.cost.of_way(way_m), short_m, crosses(way_m, task.closed, task.cost))
