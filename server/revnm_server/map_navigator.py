@@ -34,7 +34,6 @@ from revnm_server.site_map import SiteMap
 from revnm_server.tag_plane import TagPlane
 
 _DRIVES_OF_A_ROBOT = 1_000_000
-_GOOD_ENOUGH_M = 0.35  # spread at 2 m from which the map leads the robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,16 +209,18 @@ class MapNavigator:
         if each.sighting is None:
             return MapRoute(None, None, "the camera has not seen the robot yet")
         pixel = np.asarray(goal.normalised) * np.array(self._site.size_px) - 0.5
-        if state.camera is None or place is None or not state.spread_2_m <= _GOOD_ENOUGH_M:
+        if state.camera is None or place is None or not state.leads:
             return self._first_steps(each, pixel, stamp_ns, state)
         grid = self._site.grid(stamp_ns)
+        if grid is None and state.status == "learning":
+            return self._first_steps(each, pixel, stamp_ns, state)
         if grid is None:
             return MapRoute(None, None, self._site.reason)
         goal_m, valid = state.camera.on_plane(pixel)
         if not valid:
             return MapRoute(None, None, "the goal is above the horizon")
         plan = each.planner.plan(grid, place, goal_m, goal_id=goal.id, stamp_ns=stamp_ns)
-        return MapRoute(plan.waypoints_m, plan.way_m, plan.reason)
+        return MapRoute(plan.waypoints_m, plan.way_m, plan.reason or self._site.reason)
 
     def _first_steps(self, each: _Robot, pixel: FloatArray, stamp_ns: int, state: CalibrationState) -> MapRoute:
         assert each.sighting is not None

@@ -36,7 +36,7 @@ class SiteMap:
         *,
         scans: bool = True,
     ) -> None:
-        """Begin with nothing.
+        """Begin with nothing; :attr:`reason` says why pictures do not enter the map, empty where they do.
 
         Args:
             size_px: Width and height of the camera's picture.
@@ -100,10 +100,23 @@ class SiteMap:
         self._seen, self._seen_ns = self._mapper.draw(lifted, remembered.age_s, bodies), stamp_ns
 
     def grid(self, stamp_ns: int) -> FloorGrid | None:
-        """Return the map as of a time; None while no picture of the last seconds could be lifted."""
-        if self._seen is None or stamp_ns - self._seen_ns > _LONGEST_WITHOUT_NS:
+        """Return the map as of a time.
+
+        While no picture of the last seconds could be lifted, and :attr:`reason` says why, it holds the scans alone;
+        without scans there is None.
+        """
+        if self._camera is None:
             return None
-        return self._scans.fuse(self._seen, stamp_ns / _NS_PER_S) if self._scans is not None else self._seen
+        seen = self._seen if stamp_ns - self._seen_ns <= _LONGEST_WITHOUT_NS else None
+        if self._scans is None:
+            return seen
+        return self._scans.fuse(seen or self._blank(), stamp_ns / _NS_PER_S)
+
+    def _blank(self) -> FloorGrid:
+        """Return a map on which nothing was seen."""
+        shape = self._spec.shape
+        unknown, never = np.full(shape, 0.5, dtype=np.float32), np.full(shape, np.inf, dtype=np.float32)
+        return FloorGrid(self._spec.origin_m, self._spec.cell_m, unknown, np.zeros(shape, dtype=np.bool_), never)
 
     def _shift(self, camera: FloorCamera) -> float:
         """Return how far the places of some pixels move with a new calibration, as a share of their distance."""

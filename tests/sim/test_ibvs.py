@@ -242,9 +242,8 @@ def test_a_hidden_robot_keeps_its_last_sighting(method: str) -> None:
     place = scenario(box(-2.6, -0.25, (0.1, 0.3, 2.5)), camera=OBLIQUE)
     tags = primitive_arrays(place.world.obstacles)
     with Simulation(place, place.seed) as simulation:
-        servo = METHODS[method](
-            MethodContext(place, simulation, Expert(place.world).field(place.goal_m), "truth", "", RobotFeed())
-        )
+        field = Expert(place.world).field(place.goal_m)
+        servo = METHODS[method](MethodContext(place, simulation, field, "truth", "", RobotFeed()))
         told = []
         for _ in range(13):
             waypoints, pose = servo.waypoints(), simulation.true_pose

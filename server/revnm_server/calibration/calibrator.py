@@ -17,6 +17,8 @@ from revnm_server.calibration.start import continued, starts
 from revnm_server.floor_camera import PARAMETERS, FloorCamera, project
 
 _SURE_AT_2_M = 0.15  # spread at which a calibration counts as good
+_LEADS_AT_2_M = 0.35
+_LEAST_TRAVEL_M = 0.45
 _SETTLED = 0.08  # deviation of the log of the focal length from which no other starts are tried
 _GATE_SIGMAS = 5.0
 _GATE_PX = 8.0 / 640.0  # of the picture's width
@@ -37,6 +39,7 @@ class CalibrationState:
         spread_2_m: The same at 2 m.
         misfit: Mean squared residual of the sightings, in variances.
         keyframes: How many are in use.
+        travel_m: Way between the keyframes of all drives; inf where a kept calibration is used.
         event: What happened last that an operator should know, or None.
     """
 
@@ -47,7 +50,13 @@ class CalibrationState:
     spread_2_m: float
     misfit: float
     keyframes: int
+    travel_m: float
     event: str | None
+
+    @property
+    def leads(self) -> bool:
+        """Whether a map made with it may lead a robot: after half a metre, if places near the robot are sure enough."""
+        return self.camera is not None and self.travel_m >= _LEAST_TRAVEL_M and self.spread_2_m <= _LEADS_AT_2_M
 
     @property
     def progress(self) -> float:
@@ -89,14 +98,13 @@ class Calibrator:
         """What is known now."""
         belief = self.belief
         if self._solution is None and not self._known:
-            return CalibrationState("unknown", None, belief.covariance, math.inf, math.inf, 1.0, 0, self._event)
+            return CalibrationState("unknown", None, belief.covariance, math.inf, math.inf, 1.0, 0, 0.0, self._event)
         one, two = self._spread(1.0), self._spread(2.0)
         camera = FloorCamera.from_vector(belief.mean, self._size_px)
         misfit = self._solution.misfit if self._solution is not None else 1.0
         status: Literal["learning", "good"] = "good" if two <= _SURE_AT_2_M else "learning"
-        return CalibrationState(
-            status, camera, belief.covariance, one, two, misfit, len(self._frames.frames), self._event
-        )
+        frames, travel_m = self._frames.frames, math.inf if self._known else self._frames.travel_m()
+        return CalibrationState(status, camera, belief.covariance, one, two, misfit, len(frames), travel_m, self._event)
 
     def observe(self, frame: Keyframe) -> None:
         """Take a sighting, whose drive's earlier ones came before it."""
@@ -180,7 +188,7 @@ class Calibrator:
 
     def _start_over(self, event: str, prior: Belief) -> None:
         """Forget all keyframes, and of the camera all but a prior."""
-        self._event, self._prior = event, prior
+        self._event, self._prior, self._known = event, prior, False
         self._frames, self._placed, self._solution = KeyframeSet(), [], None
         self._doubts = {}
 

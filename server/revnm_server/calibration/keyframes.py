@@ -112,6 +112,13 @@ class KeyframeSet:
         """Return the newest keyframe of a drive."""
         return next((frame for frame in reversed(self.frames) if frame.drive == drive), None)
 
+    def travel_m(self) -> float:
+        """Return the way from the first to the last keyframe of each drive, summed."""
+        ways: dict[int, list[float]] = {}
+        for frame in self.frames:
+            ways.setdefault(frame.drive, []).append(frame.travel.way_m)
+        return sum(way[-1] - way[0] for way in ways.values())
+
     def _least_missed(self) -> int:
         """Return the index of the keyframe that lies nearest to another one in the picture and in heading."""
         newest = self.frames[-1].drive
