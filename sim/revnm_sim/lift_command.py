@@ -14,13 +14,14 @@ from tqdm import tqdm
 from revnm_client.errors import ConfigError
 from revnm_sim.bench.protocol import draw_setting
 from revnm_sim.bench.report import table, write_report
-from revnm_sim.lift_faults import CALIBRATIONS, DEPTHS
+from revnm_sim.lift_faults import CALIBRATIONS, DEPTHS, NETWORK
+from revnm_sim.lift_network import DepthNetwork
 from revnm_sim.lift_trial import Outcome, drive, views
 from revnm_sim.worlds import WORLDS
 
 _DEFAULT_CASES = (
     "exact/exact,focal_height_3pct/exact,pitch_1deg/exact,roll_1deg/exact,all/exact,all_untold/exact,"
-    "exact/blur,exact/mild,exact/strong,all/mild,exact/noise_only"
+    "exact/blur,exact/mild,exact/strong,exact/network,all/network,exact/noise_only"
 )
 
 
@@ -77,13 +78,17 @@ def _cases(text: str) -> list[tuple[str, str]]:
 
 
 def _world_rows(world: str, cases: Sequence[tuple[str, str]], pairs: int, seed: int) -> list[dict[str, Any]]:
+    network = DepthNetwork() if any(depth == NETWORK for _, depth in cases) else None
     outcomes: Mapping[tuple[str, str], Outcome] = {case: Outcome() for case in cases}
     for pair in tqdm(range(pairs), desc=world, unit="way"):
         setting = draw_setting(world, seed=seed, pair=pair, cameras=1, rule="any")
-        places = views(setting)
+        exact = views(setting)
+        seen = exact if network is None else network.see(setting, exact)
         for case, total in outcomes.items():
             rng = np.random.default_rng([seed, pair, 4])
-            new = drive(places, setting.cameras[0], CALIBRATIONS[case[0]], DEPTHS[case[1]], rng)
+            new = drive(
+                seen if case[1] == NETWORK else exact, setting.cameras[0], CALIBRATIONS[case[0]], DEPTHS[case[1]], rng
+            )
             total.scores += new.scores
             total.refused += new.refused
             total.times_ms += new.times_ms

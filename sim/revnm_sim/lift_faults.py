@@ -76,6 +76,9 @@ class DepthFault:
         return np.asarray(rng.uniform(0.7, 1.4) * wrong + rng.uniform(-0.1, 0.1), dtype=np.float32)
 
 
+NETWORK = "network"
+"""The depth of the shipped network in rendered pictures; it errs by itself."""
+
 _DEGREE = math.radians(1.0)
 CALIBRATIONS: Mapping[str, CalibrationFault] = MappingProxyType(
     {
@@ -94,5 +97,6 @@ DEPTHS: Mapping[str, DepthFault] = MappingProxyType(
         "mild": DepthFault(bias=0.01, blur_px=0.7, noise=0.005),
         "strong": DepthFault(bias=0.03, blur_px=1.5, noise=0.01),
         "noise_only": DepthFault(pure=True),
+        NETWORK: DepthFault(),
     }
 )
