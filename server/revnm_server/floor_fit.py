@@ -136,9 +136,11 @@ def _refine(
         shift = float(mean_d - scale * mean_n)
         rest = disparity - scale * nearness - shift
         core = np.abs(rest[np.abs(rest) < 3.0 * sigma])
-        sigma = max(1.4826 * float(np.median(core)) if len(core) else sigma, least)
+        before, sigma = sigma, max(1.4826 * float(np.median(core)) if len(core) else sigma, least)
+        if 0.98 < sigma / before < 1.02:
+            break
     share = float((np.abs(rest) < 3.0 * sigma).mean())
-    below = float((rest < -max(4.0 * sigma, _TOLERANCE * span)).mean())
+    below = float((rest < -max(4.0 * sigma, 2.0 * _TOLERANCE * span)).mean())
     return FloorLine(max(scale, 1e-12), shift, sigma, share), below
 
 

@@ -3,7 +3,7 @@
 The floor fixes scale and shift (:mod:`revnm_server.floor_fit`). With z the depth of a pixel along the view and
 ``nearness`` the inverse depth of the floor at it: height over the floor = camera height · (1 − z · nearness), place =
 z · ray. The floor's line hides errors of pitch, focal length and camera height from this test of floor or not: they
-displace what is seen, but make no obstacles. Imports numpy only.
+displace what is seen, but make no obstacles. Imports numpy and OpenCV only.
 """
 
 from __future__ import annotations
@@ -11,15 +11,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from revnm_server.floor_bend import Bend, CosineField, fit_bend
 from revnm_server.floor_fit import FloorLine, fit_floor
 from revnm_server.floor_view import FloorView
 from revnm_server.observation import Image32
 
 _STRIDE = 4  # pixels that the fit skips, both ways
 _LEAST_NEARNESS = 1e-3
+_STEEP_ACROSS = np.float32(1.0)  # steps that may be a ramp, of the floor's nearness from row to row
+_STEEP_DOWN = np.float32(2.0)
+_NOISE_STEP = 4.0  # standard deviations
+_EVEN = np.float32(0.25)  # of a step, by which it may differ from the next on a plane, by noise
 
 
 class Kind(IntEnum):
@@ -58,6 +64,8 @@ class Lifted:
         height_m: (h, w) float32, over the floor; meaningless where unknown.
         grade: (h, w) float32 in [−1, 1]: −1 surely floor, 1 surely obstacle, 0 at the tolerance or unknown.
         line: The fit; its ``nearness_sigma`` is the noise of the depth.
+        bend_rms: 1/m, the smooth error of the floor's nearness that was taken off: of the network, or of a calibration
+            whose roll or lens is wrong.
     """
 
     kind: NDArray[np.uint8]
@@ -66,6 +74,7 @@ class Lifted:
     height_m: Image32
     grade: Image32
     line: FloorLine
+    bend_rms: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +98,14 @@ class FloorLifter:
         self._below_horizon = view.nearness > 1.0 / self._spec.farthest_m
         self._floor_depth = 1.0 / np.maximum(view.nearness, np.float32(_LEAST_NEARNESS))
         self._height = np.float32(view.camera.height_m)
+        self._cosines = CosineField(view.hw)
+        first = _STRIDE // 2
+        rows, columns = np.meshgrid(*(np.arange(first, size, _STRIDE) for size in view.hw), indexing="ij")
+        below = self._below_horizon[rows, columns]
+        self._sample = rows[below], columns[below]
+        self._sample_nearness = view.nearness[self._sample].astype(np.float64)
+        self._fields = self._cosines.at(*self._sample)
+        self._floor_step = np.float32(np.abs(np.diff(view.nearness, axis=0)).max())
 
     def lift(self, disparity: Image32, usable: NDArray[np.bool_]) -> Lifted | NoFloor:
         """Lift one picture.
@@ -97,19 +114,21 @@ class FloorLifter:
             disparity: (h, w), larger is nearer, any scale and shift.
             usable: (h, w), where it was measured and is not clipped.
         """
-        part = (slice(_STRIDE // 2, None, _STRIDE),) * 2
-        sample = self._below_horizon[part] & usable[part]
-        nearness = self.view.nearness[part][sample].astype(np.float64)
-        line = fit_floor(nearness, disparity[part][sample].astype(np.float64), self._line)
+        chosen = usable[self._sample]
+        nearness, floor = self._sample_nearness[chosen], disparity[self._sample][chosen].astype(np.float64)
+        line = fit_floor(nearness, floor, self._line)
         if isinstance(line, str):
             self._line = None
             return NoFloor(line)
         self._line = line
-        return self._place(disparity, usable, line)
+        bend = fit_bend(nearness[::2], floor[::2], self._fields[chosen][::2], line)
+        return self._place(disparity, usable, bend)
 
-    def _place(self, disparity: Image32, usable: NDArray[np.bool_], line: FloorLine) -> Lifted:
-        view, spec = self.view, self._spec
-        nearness = (disparity - np.float32(line.shift)) * np.float32(1.0 / line.scale)
+    def _place(self, disparity: Image32, usable: NDArray[np.bool_], bend: Bend) -> Lifted:
+        view, spec, line = self.view, self._spec, bend.line
+        straight = disparity - self._cosines.image(bend.weights)
+        nearness = (straight - np.float32(line.shift)) * np.float32(1.0 / line.scale)
+        usable = usable & ~_ramp(nearness, self._floor_step, np.float32(_NOISE_STEP * line.nearness_sigma))
         in_range = usable & (nearness > 1.0 / spec.farthest_m)
         depth = 1.0 / np.maximum(nearness, np.float32(_LEAST_NEARNESS))
         height = self._height * (1.0 - depth * view.nearness)
@@ -121,7 +140,7 @@ class FloorLifter:
         grade = np.clip(height / tolerance - 1.0, -1.0, 1.0)
         grade *= obstacle | floor
         kind = floor.astype(np.uint8) + np.uint8(Kind.OBSTACLE) * obstacle.astype(np.uint8)
-        return Lifted(kind, depth * view.ray_x, depth * view.ray_y, height, grade, line)
+        return Lifted(kind, depth * view.ray_x, depth * view.ray_y, height, grade, line, bend.rms)
 
     def _tolerance_m(self, line: FloorLine) -> Image32:
         """Return the tolerance (h, w): at the floor, dheight / dnearness = camera height · depth of the floor."""
@@ -130,3 +149,26 @@ class FloorLifter:
         tolerance = np.maximum(np.float32(self._spec.sigmas) * sigma, np.float32(self._spec.tolerance_m))
         # Over the horizon nothing is floor, and every height is more than the camera's.
         return np.where(self.view.nearness > _LEAST_NEARNESS, tolerance, np.float32(self._spec.tolerance_m))
+
+
+def _ramp(nearness: Image32, floor_step: np.float32, noise_step: np.float32) -> NDArray[np.bool_]:
+    """Return the pixels (h, w) on the slope of a softened edge: they lie on neither of its surfaces.
+
+    A slope goes on in one direction for two steps, which sharp edges and thin things do not, and changes from step to
+    step, which planes do not that stretch along the view. Steps that noise can make are none.
+    """
+    found = np.zeros(nearness.shape, dtype=np.bool_)
+    across, down = np.diff(nearness, axis=1), np.diff(nearness, axis=0)
+    found[:, 1:-1] = _curved(across[:, :-1], across[:, 1:], max(_STEEP_ACROSS * floor_step, noise_step), (1, 3))
+    found[1:-1] |= _curved(down[:-1], down[1:], max(_STEEP_DOWN * floor_step, noise_step), (3, 1))
+    return found
+
+
+def _curved(before: Image32, after: Image32, least: np.float32, run: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return where two steps are steep the same way, and not part of a run of equal ones."""
+    steep = np.minimum(np.abs(before), np.abs(after)) > least
+    steep &= before * after > 0.0
+    bend = np.abs(after - before)
+    plane = bend < _EVEN * np.maximum(np.abs(after), np.abs(before))
+    plane = cv2.morphologyEx(plane.view(np.uint8), cv2.MORPH_OPEN, np.ones(run, dtype=np.uint8))
+    return steep & ~plane.view(np.bool_)

@@ -46,6 +46,12 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         from revnm_sim import world_command
 
         world_command.add_arguments(world)
+    lift = commands.add_parser("lift", help="measure the map that the server makes of the camera's depth")
+    if words[:1] == ["lift"]:
+        from revnm_sim import lift_command
+
+        lift_command.add_arguments(lift)
+        lift.set_defaults(run=lift_command.run)
     return parser
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import cv2
 import numpy as np
 import pytest
 
@@ -47,7 +48,8 @@ def test_everything_but_box_and_wall_is_floor():
     below_wall = bare.kind == Kind.FLOOR
     changed = picture.kind != bare.kind
     assert (picture.kind[below_wall & ~changed] == Kind.FLOOR).all()
-    assert set(np.unique(picture.kind[changed])) == {Kind.OBSTACLE}
+    assert not (picture.kind[changed] == Kind.FLOOR).any()
+    assert (picture.kind[changed] == Kind.OBSTACLE).mean() > 0.9
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(0.3, 0.0), (7.0, -2.0), (1.0, 100.0)])
@@ -87,15 +89,15 @@ def test_noise_widens_the_tolerance_instead_of_making_obstacles():
     assert (picture.kind[floor] == Kind.OBSTACLE).mean() < 0.005
 
 
-def test_a_wrong_roll_shows_in_the_residual_and_a_wrong_pitch_hides_in_the_shift():
+def test_a_wrong_roll_shows_in_the_bend_and_a_wrong_pitch_hides_in_the_shift():
     # On a plane the disparity is linear in the pixel: pitch, height and focal length change its size and offset along
     # the same direction of the picture, roll its direction.
     picture = disparity(wall(8.0))
     pitched = dataclasses.replace(OURS, pitch_rad=OURS.pitch_rad + math.radians(2.0))
     rolled = dataclasses.replace(OURS, roll_rad=math.radians(2.0))
-    residual = {name: lifted(picture, c).line.nearness_sigma for name, c in (("pitch", pitched), ("roll", rolled))}
-    assert residual["pitch"] < 1e-3
-    assert residual["roll"] > 5.0 * residual["pitch"]
+    bend = {name: lifted(picture, c).bend_rms for name, c in (("pitch", pitched), ("roll", rolled))}
+    assert bend["pitch"] < 1e-3
+    assert bend["roll"] > 5.0 * max(bend["pitch"], 1e-3)
 
 
 def test_covariance_of_roll_widens_the_tolerance_and_that_of_pitch_does_not():
@@ -135,3 +137,25 @@ def test_what_is_not_usable_is_unknown():
     usable[60:70, 40:60] = False
     picture = lifted(disparity(wall(8.0)), usable=usable)
     assert (picture.kind[60:70, 40:60] == Kind.UNKNOWN).all()
+
+
+def test_a_smooth_error_of_the_network_is_taken_off_floor_and_obstacles():
+    # A bowl of 0.02 1/m: at 6 m it would raise the floor by 2.5 m · 0.02 · 6 = 0.3 m, and move the box by 0.5 m.
+    across = np.cos(2.0 * np.pi * (np.arange(HW[1]) + 0.5) / HW[1])
+    scene = disparity(box(4.5, 0.0), wall(9.0))
+    picture = lifted((scene + 0.02 * across).astype(np.float32))
+    plain = lifted(scene)
+    floor, standing = plain.kind == Kind.FLOOR, (plain.kind == Kind.OBSTACLE) & (plain.x_m < 6.0)
+    assert (picture.kind[floor] == Kind.OBSTACLE).mean() < 0.02
+    found = standing & (picture.kind == Kind.OBSTACLE)
+    assert found.sum() > 0.8 * standing.sum()
+    np.testing.assert_allclose(np.median(picture.x_m[found] - plain.x_m[found]), 0.0, atol=0.05)
+    assert 0.005 < picture.bend_rms < 0.03
+
+
+def test_softened_edges_leave_nothing_between_the_surfaces():
+    scene = disparity(box(3.0, 0.0, side=0.5, height=1.5), wall(9.0))
+    soft = lifted(cv2.GaussianBlur(scene, (0, 0), 1.0))
+    obstacle = (soft.kind == Kind.OBSTACLE) & (np.abs(soft.y_m) < 0.2)
+    between = obstacle & (soft.x_m > 3.6) & (soft.x_m < 8.5)  # the box ends at 3.25, the wall begins at 9
+    assert between.sum() < 0.03 * obstacle.sum()
