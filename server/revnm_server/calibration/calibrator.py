@@ -61,7 +61,9 @@ class CalibrationState:
     @property
     def progress(self) -> float:
         """How far the learning is, in [0, 1]."""
-        return min(1.0, _SURE_AT_2_M / self.spread_2_m) if self.camera is not None else 0.0
+        if self.camera is None:
+            return 0.0
+        return min(1.0, _SURE_AT_2_M / self.spread_2_m, self.travel_m / _LEAST_TRAVEL_M)
 
 
 class Calibrator:
