@@ -21,14 +21,12 @@ from revnm_server.calibration.calibrator import CalibrationState, Calibrator
 from revnm_server.calibration.keyframes import Keyframe, TagMount
 from revnm_server.calibration.odometry_track import OdometryTrack
 from revnm_server.first_steps import StepSettings, first_steps
-from revnm_server.floor_camera import FloorCamera
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.floor_map import Body
 from revnm_server.frame import RobotSighting
 from revnm_server.map_planner import MapPlanner, PlannerSettings
 from revnm_server.observation import Image32
 from revnm_server.ports import GoalPixel
-from revnm_server.robot_mask import robot_mask
 from revnm_server.scan_trail import PastScan, ScanTrail
 from revnm_server.site_map import SiteMap
 from revnm_server.tag_plane import TagPlane
@@ -165,7 +163,7 @@ class MapNavigator:
         places = self._places(stamp_ns)
         if state.camera is not None and self._site.recalibrate(state):
             self._changed()
-        self._see(stamp_ns, disparity, places, state.camera)
+        self._see(stamp_ns, disparity, places)
         routes = {robot: self._route(robot, goal, stamp_ns, places.get(robot), state) for robot, goal in goals.items()}
         return NavigatorTick(routes, places, self._site.grid(stamp_ns), state)
 
@@ -197,11 +195,10 @@ class MapNavigator:
                 if place is not None:
                     self._site.hear_scan(past.scan, place)
 
-    def _see(self, stamp_ns: int, disparity: Image32, places: Mapping[str, Pose2], camera: FloorCamera | None) -> None:
-        bodies = {name: self._robots[name].shape.body(place) for name, place in places.items()}
-        sightings = [each.sighting for each in self._robots.values() if each.sighting is not None]
-        hidden = robot_mask(disparity.shape, self._site.size_px, camera, bodies, sightings)
-        self._site.see(stamp_ns, disparity, hidden, tuple(bodies.values()))
+    def _see(self, stamp_ns: int, disparity: Image32, places: Mapping[str, Pose2]) -> None:
+        bodies = tuple(self._robots[name].shape.body(place) for name, place in places.items())
+        unplaced = [each.sighting for name, each in self._robots.items() if each.sighting and name not in places]
+        self._site.see(stamp_ns, disparity, bodies, unplaced)
 
     def _route(
         self, robot: str, goal: GoalPixel, stamp_ns: int, place: Pose2 | None, state: CalibrationState

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Scan
@@ -15,8 +15,10 @@ from revnm_server.floor_camera import FloorCamera
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.floor_map import Body, FloorMapper, MapSpec
 from revnm_server.floor_view import floor_view
+from revnm_server.frame import RobotSighting
 from revnm_server.lift import FloorLifter, NoFloor
 from revnm_server.observation import Image32
+from revnm_server.robot_mask import robot_mask, tag_mask
 from revnm_server.scan_memory import ScanMemory
 
 _SHIFT = 0.01  # of its distance: a place that moves more asks for a new map
@@ -66,8 +68,8 @@ class SiteMap:
         if self._camera is not None and not jumped and not surer and self._shift(state.camera) < _SHIFT:
             return False
         self._camera, self._spread_m, self._event = state.camera, state.spread_2_m, state.event
-        view = floor_view(state.camera, self._hw, state.covariance)
-        self._lifter, self._mapper = FloorLifter(view), FloorMapper(view, self._spec)
+        self._view = floor_view(state.camera, self._hw, state.covariance)
+        self._lifter, self._mapper = FloorLifter(self._view), FloorMapper(self._view, self._spec)
         if self._scans is not None:
             self._scans.forget()
         if jumped:
@@ -80,15 +82,20 @@ class SiteMap:
         if self._scans is not None:
             self._scans.update(scan, floor_from_robot, scan.stamp_ns / _NS_PER_S)
 
-    def see(self, stamp_ns: int, disparity: Image32, robots: NDArray[np.bool_], bodies: tuple[Body, ...]) -> None:
+    def see(
+        self, stamp_ns: int, disparity: Image32, bodies: tuple[Body, ...], unplaced: Sequence[RobotSighting]
+    ) -> None:
         """Take a picture.
 
         Args:
             stamp_ns: Its capture time.
             disparity: (h, w), up to scale and shift.
-            robots: (h, w), where robots are in it.
             bodies: Robots whose places are known.
+            unplaced: The last sightings of the others.
         """
+        robots = tag_mask(unplaced, self.size_px, self._hw)
+        if self._camera is not None:
+            robots |= robot_mask(self._view, bodies)
         remembered = self._memory.update(disparity, robots, stamp_ns / _NS_PER_S)
         if self._camera is None:
             return
