@@ -28,7 +28,8 @@ class MapSpec:
 
     Attributes:
         cell_m: Side of a cell.
-        ahead_m: The map covers x from 0 to this.
+        ahead_m: The map covers x up to this.
+        behind_m: The map covers x from minus this: a steep camera sees floor behind its own foot.
         width_m: The map covers y to half of this on both sides.
         floor_logit: Log-odds that a pixel of sure floor takes from its cell.
         obstacle_logit: Log-odds that a pixel of a sure obstacle adds to its cell.
@@ -40,6 +41,7 @@ class MapSpec:
 
     cell_m: float = 0.1
     ahead_m: float = 14.0
+    behind_m: float = 1.0
     width_m: float = 18.0
     floor_logit: float = 0.4
     obstacle_logit: float = 1.2
@@ -50,12 +52,12 @@ class MapSpec:
     @property
     def shape(self) -> tuple[int, int]:
         """Rows along y and columns along x."""
-        return round(self.width_m / self.cell_m), round(self.ahead_m / self.cell_m)
+        return round(self.width_m / self.cell_m), round((self.ahead_m + self.behind_m) / self.cell_m)
 
     @property
     def origin_m(self) -> tuple[float, float]:
         """(x, y) of the middle of cell (0, 0)."""
-        return 0.5 * self.cell_m, 0.5 * self.cell_m - 0.5 * self.width_m
+        return 0.5 * self.cell_m - self.behind_m, 0.5 * self.cell_m - 0.5 * self.width_m
 
     def middles_m(self) -> FloatArray:
         """Return the middles (Ny, Nx, 2) of the cells."""

@@ -111,8 +111,8 @@ def test_the_mask_covers_the_robot_and_little_more():
 
 def test_the_map_has_the_asked_size():
     grid = drawn(disparity(wall(9.0)), spec=MapSpec(ahead_m=6.0, width_m=4.0))
-    assert grid.obstacle.shape == grid.floor.shape == grid.age_s.shape == (40, 60)
-    np.testing.assert_allclose(grid.points_m(np.array([0, 0])), [0.05, -1.95])
+    assert grid.obstacle.shape == grid.floor.shape == grid.age_s.shape == (40, 70)
+    np.testing.assert_allclose(grid.points_m(np.array([0, 0])), [-0.95, -1.95])
 
 
 def test_a_body_at_or_beyond_the_edge_of_the_map_is_no_trouble():
