@@ -35,18 +35,21 @@ class MapSpec:
         obstacle_logit: Log-odds that a pixel of a sure obstacle adds to its cell.
         most_logit: Bound of a cell's log-odds, either way.
         overhead_m: What is higher over the floor counts only in cells in which no floor is seen: the robot passes
-            below what hangs, and walls whose feet are hidden still stand there.
+            below what hangs, and walls whose feet are hidden may still stand there.
+        overhead_logit: Bound of the log-odds that all such pixels of a cell add: they do not show its floor, so scans
+            that pass below say more.
         most_spread_m: Bound of the standard deviation over which an uncertain obstacle spreads.
     """
 
     cell_m: float = 0.1
-    ahead_m: float = 14.0
+    ahead_m: float = 18.0
     behind_m: float = 1.0
-    width_m: float = 18.0
+    width_m: float = 20.0
     floor_logit: float = 0.4
     obstacle_logit: float = 1.2
     most_logit: float = 4.0
     overhead_m: float = 0.5
+    overhead_logit: float = 0.85
     most_spread_m: float = 0.3
 
     @property
@@ -106,7 +109,7 @@ class FloorMapper:
         spec = self.spec
         floor, free, floor_age = self._floor(lifted, age_s)
         low, high, count, age_sum = self._obstacles(lifted, age_s)
-        logit = free + low + np.where(floor, 0.0, high)
+        logit = free + low + np.where(floor, 0.0, np.minimum(high, spec.overhead_logit))
         probability = _probability(np.clip(logit, -spec.most_logit, spec.most_logit))
         stands = np.where(logit > 0.0, probability, np.float32(0.0))
         spread = self._spread.spread(stands, lifted.line.nearness_sigma)

@@ -32,6 +32,7 @@ from revnm_server.site_map import SiteMap
 from revnm_server.tag_plane import TagPlane
 
 _DRIVES_OF_A_ROBOT = 1_000_000
+_BACK_LEAST_M = 0.15
 _BACK_M = 0.4  # a robot that was lost from sight is led back at least so far: nearer is as good as there
 
 
@@ -222,22 +223,25 @@ class MapNavigator:
 
     def _first_steps(self, each: _Robot, pixel: FloatArray, stamp_ns: int, state: CalibrationState) -> MapRoute:
         assert each.sighting is not None
-        if stamp_ns != each.sighting.stamp_ns:
-            return self._back(each, stamp_ns)
+        back = self._back(each, stamp_ns) if stamp_ns != each.sighting.stamp_ns else None
+        if back is not None:
+            return back
         bearing = _bearing_rad(each.sighting, pixel, each.shape.mount.size_m)
         scan = each.scan.points_m() if each.scan is not None else None
         steps = first_steps(scan, bearing, each.driven, self._steps)
         reason = steps.reason or f"learning the camera: {state.progress:.0%}"
         return MapRoute(steps.waypoints_m, None, reason)
 
-    def _back(self, each: _Robot, stamp_ns: int) -> MapRoute:
-        """Lead a robot that left the camera's sight too early back the way it came."""
+    def _back(self, each: _Robot, stamp_ns: int) -> MapRoute | None:
+        """Lead a robot that left the camera's sight too early back the way it came; None if it hardly moved since."""
         travel = each.track.at(stamp_ns)
         if travel is None or not each.driven:
-            return MapRoute(None, None, "the robot is hidden, the camera not calibrated, and there is no odometry")
+            return None
         odom_from_robot = travel.odom_from_robot
         apart = [math.hypot(*np.subtract(pose[:2], odom_from_robot[:2])) for pose in each.driven]
         seen = next((i for i in range(len(apart) - 1, -1, -1) if apart[i] >= _BACK_M), 0)
+        if apart[seen] < _BACK_LEAST_M:
+            return None
         back = odom_from_robot.inverse() @ each.driven[seen]
         shares = np.arange(1.0, self._steps.waypoints + 1.0)[:, None] / self._steps.waypoints
         waypoints = shares * np.array([back.x_m, back.y_m])

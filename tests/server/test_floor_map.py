@@ -37,8 +37,8 @@ def test_a_box_fills_its_cells_and_hides_those_behind():
     # Its near face stands at x = 3.77; it is 0.6 m high, the eye 2.5 m: it hides the floor from its far edge at
     # 4.23 m to 4.23 · 2.5 / 1.9 = 5.57 m.
     grid = drawn(disparity(box(4.0, 0.0, side=0.46), wall(9.0)))
-    assert grid.obstacle[cell(grid, 3.8, 0.0)] > 0.9
-    assert grid.obstacle[cell(grid, 4.0, 0.1)] > 0.9
+    assert grid.obstacle[cell(grid, 3.76, 0.0)] > 0.9
+    assert 0.65 < grid.obstacle[cell(grid, 4.0, 0.1)] < 0.75  # its top alone: there could be room below
     behind = [cell(grid, x, 0.0) for x in (4.55, 4.85, 5.15)]
     assert all(not grid.known[place] and grid.obstacle[place] == 0.5 for place in behind)
     before, beyond, beside = cell(grid, 3.45, 0.0), cell(grid, 6.15, 0.0), cell(grid, 4.0, 1.05)
