@@ -52,6 +52,12 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
         lift_command.add_arguments(lift)
         lift.set_defaults(run=lift_command.run)
+    calibration = commands.add_parser("calibration", help="measure how well a camera calibrates itself")
+    if words[:1] == ["calibration"]:
+        from revnm_sim import calibration_command
+
+        calibration_command.add_arguments(calibration)
+        calibration.set_defaults(run=calibration_command.run)
     return parser
 
 

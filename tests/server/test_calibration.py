@@ -7,78 +7,25 @@ import pytest
 
 from revnm_client.geometry import Pose2
 from revnm_server.calibration.calibrator import Calibrator
-from revnm_server.calibration.keyframes import Keyframe, Travel
-from revnm_server.calibration.spread import in_robot
 from revnm_server.floor_camera import FloorCamera
-
-from .calibration_course import MOUNT, SIZE_PX, Moment, around, drive, random_camera
-
-CHI2_95 = 5.991  # two degrees of freedom
-
-
-class Learner:
-    """A calibrator with the travel of one drive."""
-
-    def __init__(self, *, corners: bool = True, calibrator: Calibrator | None = None) -> None:
-        self.calibrator = calibrator or Calibrator(SIZE_PX)
-        self.travel: Travel | None = None
-        self.drive = 0
-        self._corners = corners
-
-    def see(self, moment: Moment) -> None:
-        odom = moment.odom_from_robot
-        self.travel = Travel(odom) if self.travel is None else self.travel.on(odom)
-        corners = moment.corners if self._corners else None
-        self.calibrator.observe(Keyframe(moment.pixel, moment.heading, corners, self.travel, MOUNT, self.drive))
-
-    def place(self) -> Pose2 | None:
-        assert self.travel is not None
-        return self.calibrator.floor_from_robot(self.travel, self.drive)
-
-    def errors(self, camera: FloorCamera, truth: Pose2, distance_m: float) -> tuple[np.ndarray, np.ndarray]:
-        """Distances from the truth of places around the robot, and the same in the covariance's measure, squared."""
-        local, pixels = around(camera, truth, distance_m, np.random.default_rng(0))
-        calibrator, pose = self.calibrator, self.place()
-        assert pose is not None
-        vector = np.concatenate([calibrator.belief.mean, pose])
-        off = in_robot(vector, SIZE_PX, pixels) - local
-        nudged = [in_robot(vector + 1e-6 * axis, SIZE_PX, pixels) for axis in np.eye(8)]
-        slopes = (np.stack(nudged, axis=-1) - in_robot(vector, SIZE_PX, pixels)[..., None]) / 1e-6
-        covariance = slopes @ calibrator.covariance_with(self.drive) @ slopes.transpose(0, 2, 1)
-        return np.linalg.norm(off, axis=1), np.einsum("mi,mij,mj->m", off, np.linalg.inv(covariance), off)
-
-
-def course(way_m: float, *, corners: bool, runs: int) -> dict[float, tuple[float, float]]:
-    """Return the median error and the share within the 95 % ellipse, by distance from the robot."""
-    off: dict[float, list[float]] = {1.0: [], 2.0: []}
-    inside: dict[float, list[bool]] = {1.0: [], 2.0: []}
-    for seed in range(runs):
-        rng = np.random.default_rng([seed, round(10 * way_m)])
-        camera, learner = random_camera(rng), Learner(corners=corners)
-        moments = drive(camera, rng, way_m)
-        for moment in moments:
-            learner.see(moment)
-        for distance in off:
-            errors, squares = learner.errors(camera, moments[-1].floor_from_robot, distance)
-            off[distance] += [float(errors.mean())] if len(errors) else []
-            inside[distance] += list(squares < CHI2_95)
-    return {d: (float(np.median(off[d])), float(np.mean(inside[d]))) for d in off}
+from revnm_sim.calibration_command import measure
+from revnm_sim.calibration_course import SIZE_PX, Learner, Moment, drive, random_camera
 
 
 def test_half_a_metre_with_corners_is_enough():
-    result = course(0.5, corners=True, runs=80)
-    assert result[1.0][0] <= 0.04
-    assert result[2.0][0] <= 0.12
-    assert 0.90 <= result[1.0][1] <= 0.99  # over 1000 courses 0.97
-    assert 0.90 <= result[2.0][1] <= 0.99
+    result = measure(0.5, corners=True, seeds=[(0, number, 5) for number in range(80)])
+    assert result["median_1m_cm"] <= 4.0
+    assert result["median_2m_cm"] <= 12.0
+    assert 0.90 <= result["in_95_1m"] <= 0.99
+    assert 0.90 <= result["in_95_2m"] <= 0.99
 
 
 def test_two_metres_without_corners_are_enough():
-    result = course(2.0, corners=False, runs=25)
-    assert result[1.0][0] <= 0.08
-    assert result[2.0][0] <= 0.18
-    assert 0.90 <= result[1.0][1] <= 1.0
-    assert 0.90 <= result[2.0][1] <= 1.0
+    result = measure(2.0, corners=False, seeds=[(0, number, 20) for number in range(25)])
+    assert result["median_1m_cm"] <= 8.0
+    assert result["median_2m_cm"] <= 18.0
+    assert result["in_95_1m"] >= 0.90
+    assert result["in_95_2m"] >= 0.90
 
 
 def learnt(seed: int, way_m: float = 1.5) -> tuple[FloorCamera, Learner, list[Moment]]:
@@ -157,15 +104,10 @@ def test_a_lens_that_bends_is_learnt_from_a_long_drive():
     rng = np.random.default_rng(21)
     camera = FloorCamera(SIZE_PX, 300.0, math.radians(30.0), 0.0, 2.8, -0.12)
     learner = Learner()
-    odom = Pose2(0.0, 0.0, 0.0)
     for _ in range(3):
-        moments = drive(camera, rng, 2.0)
-        learner.drive += 1
-        learner.travel = None
-        for moment in moments:
+        learner.begin_drive()
+        for moment in drive(camera, rng, 2.0):
             learner.see(moment)
-        odom = moments[-1].odom_from_robot
-    assert odom is not None
     assert learner.calibrator.belief.mean[4] == pytest.approx(-0.12, abs=0.05)
 
 

@@ -37,15 +37,22 @@ def spread_m(vector: FloatArray, covariance: FloatArray, size_px: tuple[int, int
     seen = (depth > 0.1) & ((pixels >= 0.0) & (pixels <= np.array(size_px) - 1.0)).all(axis=1)
     if not seen.any():
         return math.inf
-    slopes = _slopes(lambda x: in_robot(x, size_px, pixels[seen]), vector)  # (M, 2, 8)
-    variances = np.einsum("mij,jk,mik->m", slopes, covariance, slopes)
-    return float(np.sqrt(variances.mean()))
+    covariances = in_robot_covariances(vector, covariance, size_px, pixels[seen])
+    return float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean()))
 
 
 def in_robot(vector: FloatArray, size_px: tuple[int, int], pixels: FloatArray) -> FloatArray:
     """Return the places (M, 2) on the floor that pixels (M, 2) show, metres, in the robot's frame."""
     points, _ = on_plane(vector[:PARAMETERS], size_px, pixels)
     return Pose2(*vector[PARAMETERS:]).inverse().apply(points)
+
+
+def in_robot_covariances(
+    vector: FloatArray, covariance: FloatArray, size_px: tuple[int, int], pixels: FloatArray
+) -> FloatArray:
+    """Return the covariances (M, 2, 2) of the places that :func:`in_robot` returns, square metres."""
+    slopes = _slopes(lambda x: in_robot(x, size_px, pixels), vector)  # (M, 2, 8)
+    return np.asarray(slopes @ covariance @ slopes.transpose(0, 2, 1))
 
 
 def pixel_sigma_px(
