@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,7 +11,9 @@ from revnm_client.geometry import Pose2
 from revnm_sim.camera import Camera
 from revnm_sim.expert import Expert
 from revnm_sim.placement import distances_m
+from revnm_sim.raycast import visible
 from revnm_sim.robot import RobotSpec
+from revnm_sim.scenario import tag_seen
 from revnm_sim.site import Pair, Site
 from revnm_sim.world import FLAT_M, Primitive, Shape, World, primitive_arrays
 from revnm_sim.yaml_document import Place
@@ -23,7 +26,8 @@ def flaws(site: Site) -> Iterator[tuple[Place, str]]:
     """Yield what no trial could run with: the place in the file, and what is wrong there.
 
     Cameras must be over the floor and 0.1 m clear of everything. The robot must fit at every start, every goal
-    must be free floor, and there must be a way between the two.
+    must be free floor and farther away than its radius, there must be a way between the two, and every camera must
+    see the tag at every start and the floor of every goal.
     """
     for i, camera in enumerate(site.cameras):
         problem = _camera_problem(site.world, camera)
@@ -33,6 +37,13 @@ def flaws(site: Site) -> Iterator[tuple[Place, str]]:
     for i, pair in enumerate(site.pairs):
         assert expert is not None
         yield from ((("pairs", i, *key), problem) for key, problem in _pair_problems(site.world, expert, pair))
+        start, goal = pair
+        if math.hypot(start.x_m - goal[0], start.y_m - goal[1]) <= site.goal_radius_m:
+            yield ("pairs", i), f"the start lies within the goal's radius of {site.goal_radius_m:g} m"
+        for number, camera in enumerate(site.cameras):
+            unseen = _unseen(site.world, camera, pair)
+            if unseen:
+                yield ("pairs", i, unseen), f"is not seen by cameras[{number}]"
 
 
 def robot_touches(primitives: tuple[Primitive, ...], pose: Pose2, spec: RobotSpec) -> bool:
@@ -54,9 +65,19 @@ def robot_touches(primitives: tuple[Primitive, ...], pose: Pose2, spec: RobotSpe
     return bool(np.where(arrays.shape == Shape.CYLINDER, disc, box).any())
 
 
+def _unseen(world: World, camera: Camera, pair: Pair) -> str | None:
+    """Return what of a pair a camera does not see: the tag of a robot at the ``start``, or the ``goal``."""
+    arrays, (start, goal) = primitive_arrays(world.obstacles), pair
+    if not tag_seen(arrays, camera, np.array([[start.x_m, start.y_m]]), RobotSpec())[0]:
+        return "start"
+    return None if visible(arrays, camera, np.array([[*goal, 0.0]]))[0] else "goal"
+
+
 def _camera_problem(world: World, camera: Camera) -> str | None:
-    if camera.position_m[2] <= 0.0:
-        return f"expected a camera over the floor, got z_m = {camera.position_m[2]:g}"
+    x, y, z = camera.position_m
+    bounds = world.bounds
+    if z <= 0.0 or not (bounds[0] <= x <= bounds[2] and bounds[1] <= y <= bounds[3]):
+        return f"expected a camera over the floor within the bounds, got ({x:g}, {y:g}, {z:g}) m"
     if not world.primitives:
         return None
     distances = distances_m(primitive_arrays(world.primitives), np.array([camera.position_m]))[0]

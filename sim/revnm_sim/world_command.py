@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from revnm_client.errors import FileError
+from revnm_sim.bench.protocol import CAMERA_HEIGHTS_M
 from revnm_sim.camera import Camera
 from revnm_sim.placement import sample_camera
 from revnm_sim.render import CameraRenderer
@@ -76,7 +77,14 @@ def _check(args: argparse.Namespace) -> int:
 
 def _drawn_camera(site: Site, seed: int) -> Camera:
     rng = np.random.default_rng(seed)
-    return sample_camera(site.world, rng, width_px=640, height_px=480, hfov_rad=math.radians(120.0))
+    return sample_camera(
+        site.world,
+        rng,
+        width_px=640,
+        height_px=480,
+        hfov_rad=math.radians(120.0),
+        height_range_m=CAMERA_HEIGHTS_M,
+    )
 
 
 def _picture(site: Site, camera: Camera) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:

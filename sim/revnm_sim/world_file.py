@@ -32,6 +32,7 @@ Colour = tuple[Channel, Channel, Channel]
 Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 
 Pixels = Annotated[int, Field(strict=True, ge=16, le=8192)]
+_LARGEST_M2 = 10_000.0  # grids of 0.05 m of such a floor fit into memory
 
 
 class _Strict(BaseModel):
@@ -139,6 +140,9 @@ def load_site(path: Path) -> Site:
     bounds = Bounds(*(getattr(content.bounds, name) for name in Bounds._fields))
     if bounds.x_min_m >= bounds.x_max_m or bounds.y_min_m >= bounds.y_max_m:
         document.refuse(("bounds",), f"expected x_min_m < x_max_m and y_min_m < y_max_m, got {tuple(bounds)}")
+    area = (bounds.x_max_m - bounds.x_min_m) * (bounds.y_max_m - bounds.y_min_m)
+    if area > _LARGEST_M2:
+        document.refuse(("bounds",), f"expected at most {_LARGEST_M2:g} m², got {area:g} m²")
     site = Site(
         world=World(content.name, bounds, content.floor.colour, _placed_primitives(document, content)),
         where=document.where(("bounds",)),

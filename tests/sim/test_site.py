@@ -49,7 +49,7 @@ placements:
   - {prefab: post, x_m: -1.0, y_m: 1.5}
 cameras:
   - {x_m: -2.5, y_m: -1.5, z_m: 2.0, yaw_deg: 30.0, pitch_deg: 20.0}
-  - {x_m: 2.5, y_m: -1.5, z_m: 3.0, yaw_deg: 90.0, pitch_deg: 90.0, roll_deg: 5.0, width_px: 64, height_px: 32}
+  - {x_m: -1.0, y_m: -1.9, z_m: 3.0, yaw_deg: 90.0, pitch_deg: 60.0, roll_deg: 5.0, width_px: 64, height_px: 48}
 pairs:
   - {start: {x_m: -2.0, y_m: 0.0, yaw_deg: 180.0}, goal: {x_m: 2.5, y_m: -1.0}}
 """
@@ -72,8 +72,8 @@ def test_a_file_with_cameras_and_pairs_loads(tmp_path: Path) -> None:
     first, second = site.cameras
     assert (first.width_px, first.height_px, first.roll_rad) == (640, 480, 0.0)
     assert first.hfov_rad == pytest.approx(math.radians(120.0))
-    assert (second.width_px, second.height_px, second.position_m) == (64, 32, (2.5, -1.5, 3.0))
-    assert second.pitch_rad == pytest.approx(math.pi / 2.0)
+    assert (second.width_px, second.height_px, second.position_m) == (64, 48, (-1.0, -1.9, 3.0))
+    assert second.pitch_rad == pytest.approx(math.pi / 3.0)
     assert site.pairs == (Pair(Pose2(-2.0, 0.0, math.pi), (2.5, -1.0)),)
 
 
@@ -85,14 +85,27 @@ def test_what_a_file_leaves_out_is_drawn(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("z_m: 2.0", "z_m: 0.0", r":27: cameras\[0\]: expected a camera over the floor, got z_m = 0$"),
+        ("z_m: 2.0", "z_m: 0.0", r":27: cameras\[0\]: .*over the floor.*-1\.5, 0\) m$"),
+        ("x_m: -2.5, y_m: -1.5", "x_m: -3.5, y_m: -1.5", r":27: cameras\[0\]: .*within the bounds, got \(-3\.5,"),
+        ("pitch_deg: 60.0", "pitch_deg: -60.0", r":30: pairs\[0\]\.start: is not seen by cameras\[1\]"),
+        (
+            "x_m: -2.5, y_m: -1.5, z_m: 2.0, yaw_deg: 30.0",
+            "x_m: -2.5, y_m: -1.5, z_m: 2.0, yaw_deg: 110.0",
+            r":30: .*goal",
+        ),
+        (
+            "x_m: 2.5, y_m: -1.0",
+            "x_m: -2.0, y_m: 0.5",
+            r":30: pairs\[0\]: the start lies within the goal's radius of 0.7",
+        ),
+        ("x_max_m: 3.0, y_max_m: 2.0", "x_max_m: 900.0, y_max_m: 900.0", r":4: bounds: expected at most 10000 m²"),
         (
             "x_m: -2.5, y_m: -1.5, z_m: 2.0",
             "x_m: 0.4, y_m: 0.4, z_m: 0.5",
             r":27: cameras\[0\]: .*inside the box around \(0\.00",
         ),
         (
-            "x_m: 2.5, y_m: -1.5, z_m: 3.0",
+            "x_m: -1.0, y_m: -1.9, z_m: 3.0",
             "x_m: 0.0, y_m: 0.0, z_m: 1.05",
             r":28: cameras\[1\]: .*0\.1 m clear of everything, it is 0\.050 m from the box",
         ),

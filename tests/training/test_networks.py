@@ -9,12 +9,14 @@ import pytest
 import torch
 
 from revnm_server.exo2ego import ddim_sample, ddim_schedule
+from revnm_server.observation import normalise_disparity
 from revnm_training.networks.act import ActPolicy, PolicyOutput, policy_loss
 from revnm_training.networks.depth_net import DepthNet, depth_loss
 from revnm_training.networks.dit import Denoiser, diffusion_loss
 from revnm_training.networks.paint import aligned_goal, paint
 from revnm_training.networks.transformer import Attention, attend
 from revnm_training.preset import Preset, load_preset
+from revnm_training.train_depth import normalised
 
 
 @pytest.fixture
@@ -133,3 +135,9 @@ def test_depth_loss_sees_values_and_edges_by_hand() -> None:
     target = torch.zeros(1, 8, 8)
     assert depth_loss(target + 0.25, target)["loss"].item() == pytest.approx(0.25)  # a constant has no edges
     assert depth_loss(target, target)["loss"].item() == 0.0
+
+
+def test_disparity_is_normalised_on_the_device_as_on_the_server():
+    disparity = np.random.default_rng(0).gamma(2.0, 0.2, (3, 20, 31)).astype(np.float32)
+    expected = np.stack([normalise_disparity(each) for each in disparity])
+    np.testing.assert_allclose(normalised(torch.from_numpy(disparity)).numpy(), expected, atol=1e-5)

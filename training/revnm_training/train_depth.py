@@ -36,16 +36,14 @@ class DepthTask:
         self.data: dict[str, Any] = {"train_pictures": self.train_size, "validation_pictures": len(pictures.validation)}
 
     def batch(self, index: NDArray[np.int64], rng: np.random.Generator) -> Batch:
-        """Gather pictures and normalise their disparity."""
+        """Gather pictures."""
         del rng
-        batch = gather(self._pictures.columns, ("rgb", "disparity"), self._pictures.train[index])
-        normalised = [normalise_disparity(d) for d in batch["disparity"].float().numpy()]
-        return {"rgb": batch["rgb"], "disparity": torch.from_numpy(np.stack(normalised))}
+        return gather(self._pictures.columns, ("rgb", "disparity"), self._pictures.train[index])
 
     def loss(self, network: nn.Module, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
-        """Return the loss of a batch, half of it mirrored."""
+        """Return the loss of a batch, half of it mirrored, its disparity normalised."""
         batch = mirror(batch, generator)
-        return depth_loss(network(self._input(batch["rgb"])), batch["disparity"])
+        return depth_loss(network(self._input(batch["rgb"])), normalised(batch["disparity"].float()))
 
     def validate(self, network: nn.Module, device: torch.device) -> dict[str, float]:
         """Return AbsRel after aligning scale and shift, and the L1 error of the normalised disparity."""
@@ -62,6 +60,16 @@ class DepthTask:
     def _input(self, rgb: Tensor) -> Tensor:
         scaled = (rgb.float() / 255.0 - self._mean.to(rgb.device)) / self._std.to(rgb.device)
         return scaled.permute(0, 3, 1, 2)
+
+
+def normalised(disparity: Tensor) -> Tensor:
+    """Apply :func:`revnm_server.observation.normalise_disparity` to a batch (B, h, w), on its device."""
+    flat = disparity.flatten(1).sort(dim=1).values
+    ends = torch.tensor([0.02, 0.98], device=disparity.device) * (flat.shape[1] - 1)
+    below = ends.long()
+    low_high = torch.lerp(flat[:, below], flat[:, below + 1], ends - below)[:, :, None, None]  # (B, 2, 1, 1)
+    span = (low_high[:, 1] - low_high[:, 0]).clamp(min=1e-6)
+    return ((disparity - low_high[:, 0]) / span).clamp(0.0, 1.0)
 
 
 def aligned_abs_rel(predicted: FloatArray, true: FloatArray) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+import signal
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from revnm_sim.bench.journal import Journal
 from revnm_sim.bench.methods import METHODS, WITH_DEPTH_NETWORK, WITH_MODELS, WITH_OWN_BUNDLE
 from revnm_sim.bench.protocol import PROTOCOLS, Protocol, draw_setting, fit_protocol, parse_protocol
 from revnm_sim.bench.publish import publish
+from revnm_sim.bench.report import make_folder
 from revnm_sim.bench.trial import TrialKey, TrialResult, run_trial
 from revnm_sim.worlds import WORLDS, named_site
 
@@ -63,7 +65,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the benchmark, or what is missing of it, write the report and print its table."""
     engine = Engine(args.engine, args.jobs, args.address)
     keys = trial_keys(args)
-    args.out.mkdir(parents=True, exist_ok=True)
+    make_folder(args.out)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: the workers end, too
     journal = Journal(args.out / "trials.jsonl")
     run_trials(keys, engine, journal)
     command = shlex.join(["revnm-sim", "bench", *_options(args)])

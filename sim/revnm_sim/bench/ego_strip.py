@@ -88,6 +88,8 @@ def _views(key: TrialKey) -> list[EgoView]:
     way = setting.route.field.path(setting.pair.start[:2])
     arrays = primitive_arrays(setting.site.world.obstacles)
     seen = np.flatnonzero(tag_seen(arrays, camera, way, RobotSpec()))
+    if not len(seen):
+        return []
     chosen = seen[np.linspace(0, len(seen) - 1, _VIEWS).astype(int)]
     return [_view(setting, camera, bundle, _pose_on(way, index)) for index in dict.fromkeys(chosen.tolist())]
 

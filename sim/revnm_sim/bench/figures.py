@@ -87,9 +87,9 @@ def _draw_from_top(axes: Axes, setting: Setting, camera: Camera, tracks: Tracks,
 
 
 def _draw_track(axes: Axes, points: FloatArray, result: TrialResult, colour: str, label: str) -> None:
-    axes.plot(*points.T, color=colour, linewidth=1.8, label=label)
+    axes.plot(*points.T, color=colour, linewidth=1.5, alpha=0.85, label=label)
     if not result.success:
-        axes.plot(*points[-1], marker="x", markersize=9, markeredgewidth=2.5, color=colour)
+        axes.plot(*points[-1], marker="x", markersize=9, markeredgewidth=2.5, color=colour, zorder=3)
 
 
 def _draw_ends(axes: Axes, points: FloatArray) -> None:

@@ -21,10 +21,11 @@ class Journal:
         """
         self._path = path
         self.results: dict[TrialKey, TrialResult] = {}
-        text = path.read_text(encoding="utf-8") if path.exists() else ""
-        whole = text[: text.rfind("\n") + 1]
-        if whole != text:
-            path.write_text(whole, encoding="utf-8")
+        content = path.read_bytes() if path.exists() else b""
+        whole = content[: content.rfind(b"\n") + 1]
+        if whole != content:
+            with path.open("r+b") as file:
+                file.truncate(len(whole))
         for number, line in enumerate(whole.splitlines(), start=1):
             try:
                 record = json.loads(line)

@@ -42,7 +42,7 @@ def _success(rows: Sequence[Row]) -> list[str]:
         mine = [row for row in rows if row["world"] == world]
         paper = any((world, row["method"]) in PAPER for row in mine)
         parts += [f"## {world}", table([{**_short(row), **(_paper(row) if paper else {})} for row in mine])]
-        parts.append(f"The straight way is blocked in {mine[0]['blocked_rate']:.0%} of these trials.")
+        parts.append(f"The straight way is blocked in {mine[0]['blocked_rate']:.0%} of these trials. {_ROUNDS}")
     return parts
 
 
@@ -53,6 +53,7 @@ def _short(row: Row) -> dict[str, Any]:
         "perception": row["perception"],
         "trials": row["trials"],
         "SR [95 %]": _interval(row, "success_rate", "success"),
+        "by pair": _bounds(row, "success_by_pair"),
         "SPL [95 %]": _interval(row, "spl", "spl"),
         "SPL geodesic": f"{row['spl_geodesic']:.2f}",
         "collisions": f"{row['collision_rate']:.1%}",
@@ -77,12 +78,17 @@ def _difference(row: Row) -> dict[str, Any]:
         "only method": row["only_method"],
         "only other": row["only_other"],
         "ΔSR [95 %]": _interval(row, "difference", "difference", sign="+"),
+        "by pair": _bounds(row, "difference_by_pair", sign="+"),
         "McNemar p": row["mcnemar_p"],
     }
 
 
 def _interval(row: Row, value: str, name: str, *, sign: str = "") -> str:
-    return f"{row[value]:{sign}.2f} [{row[f'{name}_low']:{sign}.2f}, {row[f'{name}_high']:{sign}.2f}]"
+    return f"{row[value]:{sign}.2f} {_bounds(row, name, sign=sign)}"
+
+
+def _bounds(row: Row, name: str, *, sign: str = "") -> str:
+    return f"[{row[f'{name}_low']:{sign}.2f}, {row[f'{name}_high']:{sign}.2f}]"
 
 
 def _reading(rows: Sequence[Row]) -> list[str]:
@@ -92,18 +98,22 @@ def _reading(rows: Sequence[Row]) -> list[str]:
     return ["## How to read it", "\n".join(notes), _PROTOCOL, *paper]
 
 
+_ROUNDS = "The controller rounds some things by itself, so even `straight` arrives at times."
 _PROTOCOL = (
-    "A trial succeeds within the goal's radius (0.5 m; 1.0 m in the warehouse) in 60 s and without contact of the "
-    "robot's rectangle. All methods share the robot's controller and safety, and meet the same trials. The robot's "
-    "pose in the picture is the simulator's; hidden, it keeps the last one. SPL refers to the planner's way, which "
-    "ends at the goal while a trial ends at its radius; `SPL geodesic` to the shortest way. Clearance is the median "
-    "over the trials of the least distance to anything; time is that of the trials that succeeded; tick is the median "
-    "time of making a plan. Intervals are 95 % cluster bootstraps over pair and camera; `report.json` has also those "
-    "over pairs alone, which are wider: the cameras of one pair share its way."
+    "A trial succeeds within the goal's radius (0.5 m; 1.0 m in the warehouse; a world file may have its own) in 60 s "
+    "and without contact of the robot's rectangle; SR is the rate of it. All methods share the robot's controller and "
+    "safety, and meet the same trials. The robot's pose in the picture is the simulator's; hidden, it keeps the last "
+    "one. SPL, success weighted by path length, refers to the planner's way, which ends at the goal while a trial "
+    "ends at its radius; `SPL geodesic` to the shortest way. Clearance is the median over the trials of the least "
+    "distance to anything; time is that of the trials that succeeded; tick is the median time of making a plan, the "
+    "simulator's stand-ins for tag detector and exact depth included, on a machine that may have had other work. "
+    "Intervals are 95 % cluster bootstraps over pair and camera, and `by pair` over pairs alone: the cameras of one "
+    "pair share its way, so those are wider, and for methods that do not look through the camera they are the right "
+    "ones. Where all trials ended alike they are Clopper and Pearson's."
 )
 _PAIRED = (
-    "`only method`: trials in which just the first of the two succeeded. The interval is a cluster bootstrap of the "
-    "paired difference; p is McNemar's, exact."
+    "`only method`: trials in which just the first of the two succeeded. The intervals are cluster bootstraps of the "
+    "paired difference; p is McNemar's, exact, but counts the cameras of a pair as independent: it is too small."
 )
 _PICTURES = (
     "Trajectories: of each world the trial in which the methods' outcomes differ most, over the camera's view and from "

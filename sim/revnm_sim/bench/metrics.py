@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from revnm_client.geometry import FloatArray
-from revnm_sim.bench.statistics import bootstrap_mean, mcnemar_p
+from revnm_sim.bench.statistics import Interval, bootstrap_mean, mcnemar_p, rate_interval
 from revnm_sim.bench.trial import TrialKey, TrialResult
 
 Results = Mapping[TrialKey, TrialResult]
@@ -32,7 +32,8 @@ def spl(results: Sequence[TrialResult], *, length: Callable[[TrialResult], float
 
 def rows(results: Results) -> list[dict[str, Any]]:
     """Return one flat row per world, method and perception, in the order of the trials."""
-    return [_row(*group, members) for group, members in _groups(results).items()]
+    first: dict[Group, TrialKey] = {(key.world, key.method, key.perception): key for key in reversed(list(results))}
+    return [{**_row(*group, members), **_origin(first[group])} for group, members in _groups(results).items()]
 
 
 def comparisons(results: Results) -> list[dict[str, Any]]:
@@ -53,9 +54,21 @@ def _groups(results: Results) -> dict[Group, dict[Place, TrialResult]]:
     return groups
 
 
+def _origin(key: TrialKey) -> dict[str, Any]:
+    """Return what the trials of a group were made from."""
+    return {
+        "seed": key.seed,
+        "pairs_rule": key.rule,
+        "world_sha256": key.world_sha256 or None,
+        "manifest_sha256": key.manifest_sha256 or None,
+    }
+
+
 def _row(world: str, method: str, perception: str, members: Mapping[Place, TrialResult]) -> dict[str, Any]:
     results = list(members.values())
     succeeded = np.array([r.success for r in results], dtype=np.float64)
+    collided = np.array([r.collision for r in results], dtype=np.float64)
+    late = np.array([r.timeout for r in results], dtype=np.float64)
     weighted = spl(results, length=lambda r: r.expert_m)
     conditions = [place[:2] for place in members]
     pairs = [place[0] for place in members]
@@ -65,15 +78,18 @@ def _row(world: str, method: str, perception: str, members: Mapping[Place, Trial
         "perception": perception,
         "trials": len(results),
         "success_rate": _mean(succeeded),
-        **_interval("success", succeeded, conditions),
-        **_interval("success_by_pair", succeeded, pairs),
+        **_named("success", rate_interval(succeeded, conditions)),
+        **_named("success_by_pair", rate_interval(succeeded, pairs)),
         "spl": _mean(weighted),
-        **_interval("spl", weighted, conditions),
+        **_named("spl", bootstrap_mean(weighted, conditions)),
+        **_named("spl_by_pair", bootstrap_mean(weighted, pairs)),
         "spl_geodesic": _mean(spl(results, length=lambda r: r.geodesic_m)),
         "collisions": sum(r.collision for r in results),
         "timeouts": sum(r.timeout for r in results),
-        "collision_rate": _mean([r.collision for r in results]),
-        "timeout_rate": _mean([r.timeout for r in results]),
+        "collision_rate": _mean(collided),
+        **_named("collision", rate_interval(collided, conditions)),
+        "timeout_rate": _mean(late),
+        **_named("timeout", rate_interval(late, conditions)),
         "blocked_rate": _mean([r.blocked for r in results]),
         "least_clearance_m": round(min(r.closest_m for r in results), 3),
         "median_clearance_m": round(float(np.median([r.closest_m for r in results])), 3),
@@ -100,14 +116,14 @@ def _comparison(
         "only_method": only[0],
         "only_other": only[1],
         "difference": _mean(difference),
-        **_interval("difference", difference, [place[:2] for place in shared]),
+        **_named("difference", bootstrap_mean(difference, [place[:2] for place in shared])),
+        **_named("difference_by_pair", bootstrap_mean(difference, [place[0] for place in shared])),
         "mcnemar_p": float(f"{mcnemar_p(*only):.3g}"),
     }
 
 
-def _interval(name: str, values: FloatArray, clusters: Sequence[Any]) -> dict[str, float]:
-    low, high = bootstrap_mean(values, clusters)
-    return {f"{name}_low": round(low, 4), f"{name}_high": round(high, 4)}
+def _named(name: str, interval: Interval) -> dict[str, float]:
+    return {f"{name}_low": round(interval.low, 4), f"{name}_high": round(interval.high, 4)}
 
 
 def _mean(values: Sequence[float] | FloatArray, *, digits: int = 4) -> float | None:

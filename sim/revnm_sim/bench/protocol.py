@@ -31,7 +31,7 @@ PairRule = Literal["blocked", "any"]
 
 _ATTEMPTS = 20
 _WIDTH_PX, _HEIGHT_PX, _HFOV_RAD = 640, 480, math.radians(120.0)
-_CAMERA_HEIGHTS_M = (2.0, 3.5)
+CAMERA_HEIGHTS_M = (2.0, 3.5)
 _DRAWS = {"world": 0, "pair": 1, "cameras": 2, "trial": 3}
 
 
@@ -129,9 +129,10 @@ def draw_setting(world: str, *, seed: int, pair: int, cameras: int, rule: PairRu
         except (ContractError, UnreachableError):
             continue
     between = f" with a detour of {site.detour_m} m" if rule == "blocked" else ""
+    count = len(site.cameras) or cameras
     raise ContractError(
         f"{site.where}: no start and goal 5 to 10 m apart{between} that the robot can drive between and that "
-        f"{len(site.cameras) or cameras} cameras see, in {_ATTEMPTS} draws"
+        f"{'one camera sees' if count == 1 else f'{count} cameras see'}, in {_ATTEMPTS} draws"
     )
 
 
@@ -154,7 +155,7 @@ def _draw_camera(site: Site, pair: Pair, rng: np.random.Generator) -> Camera:
         width_px=_WIDTH_PX,
         height_px=_HEIGHT_PX,
         hfov_rad=_HFOV_RAD,
-        height_range_m=_CAMERA_HEIGHTS_M,
+        height_range_m=CAMERA_HEIGHTS_M,
         points_m=_must_see(pair),
     )
 

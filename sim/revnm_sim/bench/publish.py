@@ -24,8 +24,8 @@ def publish(results: Results, out: Path, command: str) -> str:
     """
     found, compared = rows(results), comparisons(results)
     write_report(out / "report.json", found, command, comparisons=compared)
-    figures = ["trajectories.png"]
     draw_trajectories(results, out / "trajectories.png")
+    figures = ["trajectories.png"]
     if draw_ego_strip(results, out / "ego_depth.png"):
         figures.append("ego_depth.png")
     (out / "report.md").write_text(markdown(found, compared, figures, command), encoding="utf-8")

@@ -10,7 +10,21 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from revnm_client.errors import FileError
+
 _PACKAGES = ("revnm-client", "revnm-server", "revnm-sim", "numpy", "numba", "onnxruntime", "pybullet")
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder for what a command writes, where there is none.
+
+    Raises:
+        FileError: It cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f"--out {path}: expected a folder that can be made: {error.strerror}") from error
 
 
 def write_report(

@@ -46,11 +46,23 @@ def bootstrap_mean(values: FloatArray, clusters: Sequence[Hashable]) -> Interval
     return Interval(float(low), float(high))
 
 
+def rate_interval(values: FloatArray, clusters: Sequence[Hashable]) -> Interval:
+    """Return the interval of a rate: :func:`bootstrap_mean` of values (M,) that are 0 or 1.
+
+    Where all are the same, a bootstrap knows no doubt: then it is Clopper and Pearson's of as many clusters.
+    """
+    if 0.0 < float(np.mean(values)) < 1.0:
+        return bootstrap_mean(values, clusters)
+    count = len(set(clusters))
+    exact = binomtest(count if values[0] else 0, count).proportion_ci(confidence_level=0.95, method="exact")
+    return Interval(float(exact.low), float(exact.high))
+
+
 def mcnemar_p(only_first: int, only_second: int) -> float:
     """Return the exact two-sided p of McNemar's test: of the trials in which just one of two methods succeeded.
 
-    Source: McNemar, 1947, doi:10.1007/BF02295996, with the exact binomial distribution. Repeats of a pair and camera
-    are counted as independent; read it beside the bootstrap interval of the difference.
+    Source: McNemar, 1947, doi:10.1007/BF02295996, with the exact binomial distribution. Repeats and cameras of a
+    pair are counted as independent, so p is too small; read it beside the bootstrap intervals of the difference.
 
     Args:
         only_first: Trials in which the first succeeded and the second did not.

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from revnm_client.agent import AgentConfig, RobotAgent
+from revnm_client.errors import FileError
 from revnm_client.messages import Plan
 from revnm_sim.bench.methods import METHODS, MethodContext, Perception, RobotFeed
 from revnm_sim.bench.protocol import PairRule, draw_setting, trial_seed
@@ -103,6 +104,8 @@ def run_trial(key: TrialKey) -> TrialResult:
         FileError: The world's file or the bundle does not fit.
     """
     setting = draw_setting(key.world, seed=key.seed, pair=key.pair, cameras=key.cameras, rule=key.rule)
+    if setting.site.file_sha256 != key.world_sha256:
+        raise FileError(f"{key.world}: is not the file that the benchmark began with: it was changed, or differs here")
     seed = trial_seed(key.seed, pair=key.pair, camera=key.camera, repeat=key.repeat)
     return Trial(setting.scenario(camera=key.camera, seed=seed), setting.route, key).run()
 
