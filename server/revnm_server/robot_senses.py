@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar
 
 import zenoh
@@ -22,6 +22,7 @@ from revnm_client.control_messages import decode_state
 from revnm_client.json_payload import Scalar
 from revnm_client.link import Inbox, LatestSubscriber
 from revnm_client.messages import Odometry, Scan
+from revnm_server.ports import Heard
 
 _WAITING = 200  # odometry: 2 s at 100 Hz, should a tick take so long
 _MOST_OFF_NS = 1_000_000_000
@@ -30,14 +31,6 @@ _LARGEST_OFFSET_MS = 1e12
 _NS_PER_MS = 1e6
 
 Stamped = TypeVar("Stamped", Odometry, Scan)
-
-
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """What a robot sent since it was listened to last, oldest first, stamps in the server's clock."""
-
-    odometry: tuple[Odometry, ...] = ()
-    scans: tuple[Scan, ...] = ()
 
 
 class RobotClock:
