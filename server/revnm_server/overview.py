@@ -120,6 +120,11 @@ class Overview:
             self._known.fault = f"tick failed: {type(error).__name__}: {error}"[:_MAX_FAULT_LENGTH]
         return new
 
+    def site(self) -> SiteReport | None:
+        """Return the last tick's report of the camera and its map, if it made one."""
+        with self._lock:
+            return self._known.site
+
     def view(self) -> ServerView:
         """Return what there is to show now; never waits for the tick, the network or the disk."""
         status = self._camera.status()

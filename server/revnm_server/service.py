@@ -23,6 +23,7 @@ from revnm_server.orders import OrderCourier
 from revnm_server.overview import Overview, SentPlan
 from revnm_server.pipeline import RobotPlan, TickResult
 from revnm_server.robot_link import RobotLink
+from revnm_server.site_report import SiteReport
 from revnm_server.view import ServerView
 
 logger = logging.getLogger(__name__)
@@ -116,6 +117,10 @@ class NavigationService:
     def view(self) -> ServerView:
         """Return what there is to show now; never waits for the tick, the network or the disk."""
         return self._overview.view()
+
+    def site(self) -> SiteReport | None:
+        """Return what the last tick left of the camera and its map; None before that, and where no map is made."""
+        return self._overview.site()
 
     def _run(self) -> None:
         seq = -1
