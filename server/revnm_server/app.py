@@ -23,6 +23,7 @@ from revnm_server.bundle import (
     load_depth_bundle,
     missing_models,
 )
+from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.calibration.keyframes import TagMount
 from revnm_server.camera import open_camera
 from revnm_server.depth import OnnxDepth
@@ -89,7 +90,12 @@ def build_pipeline(bundle: Bundle, settings: PerceptionSettings, robots: Mapping
 
 
 def build_map_pipeline(
-    bundle: DepthBundle, settings: PerceptionSettings, robots: Mapping[str, int], senses: Mapping[str, Senses]
+    bundle: DepthBundle,
+    settings: PerceptionSettings,
+    robots: Mapping[str, int],
+    senses: Mapping[str, Senses],
+    *,
+    camera: str,
 ) -> MapPipeline:
     """Return the pipeline that plans on the map.
 
@@ -98,7 +104,9 @@ def build_map_pipeline(
         settings: How to run it, and what robots look like.
         robots: Tag id of each robot.
         senses: What each robot measures itself.
+        camera: Name of the camera, under which its calibration is kept.
     """
+    folder = settings.calibration_dir
     mount = TagMount(settings.tag_size_m, settings.tag_height_m)
     return MapPipeline(
         depth=OnnxDepth(bundle),
@@ -106,6 +114,7 @@ def build_map_pipeline(
         tags=_tag_detector(robots),
         senses=senses,
         shape=RobotShape(mount, settings.robot_length_m, settings.robot_width_m),
+        keeper=CalibrationKeeper(folder, camera) if folder is not None else None,
         max_sighting_age_s=settings.max_sighting_age_s,
     )
 
@@ -161,7 +170,9 @@ def _pipeline(
     senses = {robot: RobotSenses(session, robot) for robot in settings.robots}
     for each in senses.values():
         stack.callback(each.close)
-    return build_map_pipeline(models, settings.perception, settings.robots, senses)
+    pipeline = build_map_pipeline(models, settings.perception, settings.robots, senses, camera=settings.camera.name)
+    stack.callback(pipeline.close)
+    return pipeline
 
 
 def _tag_detector(robots: Mapping[str, int]) -> TagDetector:

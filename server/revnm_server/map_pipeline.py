@@ -13,6 +13,7 @@ import numpy as np
 
 from revnm_client.geometry import FloatArray
 from revnm_server.calibration.calibrator import CalibrationState, Calibrator
+from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.map_navigator import MapNavigator, MapRoute, NavigatorTick, RobotShape
@@ -43,6 +44,7 @@ class MapPipeline:
         tags: SightingSource,
         senses: Mapping[str, Senses],
         shape: RobotShape,
+        keeper: CalibrationKeeper | None = None,
         max_sighting_age_s: float = 1.0,
     ) -> None:
         """Begin with an unknown camera, whose first picture says how large its pictures are.
@@ -53,10 +55,11 @@ class MapPipeline:
             tags: Sees where robots are.
             senses: By robot, what it measures itself.
             shape: Of each robot.
+            keeper: Keeps the calibration over a restart; None keeps nothing.
             max_sighting_age_s: For how long the last sighting of a hidden robot is shown.
         """
         self._depth, self._hw, self._tags = depth, disparity_hw, tags
-        self._senses, self._shape = senses, shape
+        self._senses, self._shape, self._keeper = senses, shape, keeper
         self._max_sighting_age_s = max_sighting_age_s
         self._size_px: tuple[int, int] | None = None
         self._resized: str | None = None
@@ -88,9 +91,16 @@ class MapPipeline:
             for robot, route in tick.routes.items()
             if route.waypoints_m is not None
         )
+        if self._keeper is not None:
+            self._keeper.offer(frame.size_px, self._calibrator.belief, good=tick.calibration.status == "good")
         site = self._report(frame, tick, goals)
         seen = tuple(self._last_seen.values())
         return TickResult(plans, seen, normalise_disparity(disparity), {}, timings_ms, site)
+
+    def close(self) -> None:
+        """Keep what was learnt of the camera."""
+        if self._keeper is not None:
+            self._keeper.close()
 
     def _see_robots(self, frame: Frame) -> list[RobotSighting]:
         """Return the robots that are seen now, and remember for a while where they were."""
@@ -123,7 +133,8 @@ class MapPipeline:
             self._resized = f"the camera's pictures are {after} now, not {before}: learning it anew"
             logger.warning(self._resized)
         self._size_px = size_px
-        self._calibrator = Calibrator(size_px)
+        kept = self._keeper.load(size_px) if self._keeper is not None else None
+        self._calibrator = Calibrator(size_px, kept=kept)
         self._navigator = MapNavigator(
             dict.fromkeys(self._senses, self._shape), self._calibrator, SiteMap(size_px, self._hw)
         )
@@ -148,7 +159,8 @@ class MapPipeline:
     def _warnings(self, calibration: CalibrationState) -> tuple[str, ...]:
         if calibration.status == "good":
             self._resized = None
-        return (self._resized,) if self._resized is not None else ()
+        trouble = self._keeper.trouble if self._keeper is not None else None
+        return tuple(text for text in (self._resized, trouble) if text is not None)
 
 
 def _site_route(

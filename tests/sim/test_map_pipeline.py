@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from revnm_client.errors import ContractError
+from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.frame import Frame
 from revnm_server.map_pipeline import MapPipeline, way_in_picture
@@ -22,10 +25,11 @@ GOALS = {"rover": Click("g", (U / SIZE_PX[0], V / SIZE_PX[1]))}
 class Drive:
     """A map pipeline that drives the room's robot."""
 
-    def __init__(self) -> None:
+    def __init__(self, keeper: CalibrationKeeper | None = None) -> None:
         self.room, self.told = Room(), Told()
+        senses = {"rover": self.told}
         self.pipeline = MapPipeline(
-            depth=self.room, disparity_hw=HW, tags=self.room, senses={"rover": self.told}, shape=SHAPE
+            depth=self.room, disparity_hw=HW, tags=self.room, senses=senses, shape=SHAPE, keeper=keeper
         )
         self.stamp_ns = 0
 
@@ -125,3 +129,29 @@ def test_depth_of_the_wrong_shape_is_a_fault() -> None:
     room.odometry(1)
     with pytest.raises(ContractError, match=r"disparity: shape expected \(48, 64\)"):
         pipeline.step(Frame(np.zeros((480, 640, 3), np.uint8), 1, 1), {})
+
+
+def test_what_was_learnt_of_the_camera_serves_after_a_restart(tmp_path: Path) -> None:
+    first = Drive(CalibrationKeeper(tmp_path, "hall"))
+    while first.tick().site.calibration.status != "good":  # type: ignore[union-attr]
+        assert first.stamp_ns < 60 * TICK_NS
+    first.pipeline.close()
+    again = Drive(CalibrationKeeper(tmp_path, "hall"))
+    site = again.tick().site
+    assert site is not None
+    assert site.calibration.status == "good"
+    assert site.routes["rover"].reason == ""
+    assert site.routes["rover"].way_m is not None
+
+
+def test_a_damaged_file_is_named_and_nothing_is_believed_of_it(tmp_path: Path) -> None:
+    (tmp_path / "hall.json").write_text("{")
+    drive = Drive(CalibrationKeeper(tmp_path, "hall"))
+    site = drive.tick().site
+    assert site is not None
+    assert "hall.json" in site.warnings[0]
+    assert not site.calibration.leads
+    while drive.tick().site.warnings:  # type: ignore[union-attr]
+        assert drive.stamp_ns < 60 * TICK_NS
+    drive.pipeline.close()
+    assert (tmp_path / "hall.json.refused").read_text() == "{"
