@@ -11,6 +11,7 @@ import httpx
 import numpy as np
 import pytest
 import zenoh
+from numpy.typing import NDArray
 from tests.server.free_port import free_port
 from tests.server.service_parts import RobotEnd
 from tests.server.waiting import eventually
@@ -20,8 +21,9 @@ from revnm_client.cdr import encode_image, encode_odometry
 from revnm_client.link import open_client, open_router
 from revnm_client.messages import CompressedImage
 from revnm_server.api import create_application
+from revnm_server.api.live import live_router
 from revnm_server.camera import open_camera
-from revnm_server.camera.jpeg import encode_jpeg
+from revnm_server.camera.jpeg import decode_jpeg, encode_jpeg
 from revnm_server.map_pipeline import MapPipeline
 from revnm_server.mission import Mission
 from revnm_server.robot_senses import RobotSenses
@@ -70,6 +72,18 @@ class Site:
 
         return dict(asyncio.run(get()).json())
 
+    def first_of_stream(self, layer: str) -> NDArray[np.uint8]:
+        """The first picture of a stream that does not end."""
+
+        async def first() -> bytes:
+            router = live_router(self.service)
+            endpoint = next(route.endpoint for route in router.routes if route.path.endswith("stream.mjpg"))  # type: ignore[attr-defined]
+            response = await endpoint(layer=layer)
+            return bytes(await anext(aiter(response.body_iterator)))
+
+        part = asyncio.run(first())
+        return decode_jpeg(part[part.index(b"\r\n\r\n") + 4 : -2])
+
     def rover(self) -> dict:  # type: ignore[type-arg]
         return dict(self.state()["robots"][0])
 
@@ -117,6 +131,9 @@ def test_a_goal_is_reached_with_a_camera_that_nobody_calibrated(site: Site) -> N
     assert state["rejected"]["rover/odom"] >= 1
     assert state["warnings"] == ["a note"]
     assert set(state["timings_ms"]) == {"depth", "tag", "map", "tick"}
+    picture = site.first_of_stream("map")
+    assert picture.shape[2] == 3
+    assert picture.shape != (480, 640, 3)
     eventually(lambda: site.look() and site.rover()["status"] == "arrived", within_s=60.0)
     assert site.room.distance_m() < 0.4
 
