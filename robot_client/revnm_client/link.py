@@ -109,10 +109,11 @@ def open_client(connect: Sequence[str], *, stop: threading.Event | None = None) 
 class LatestSubscriber:
     """Holds the few newest samples of a key; a slow consumer sees no old ones."""
 
-    def __init__(self, session: zenoh.Session, key: str) -> None:
+    def __init__(self, session: zenoh.Session, key: str, *, waiting: int = _WAITING) -> None:
         self.key = key
+        self._waiting = waiting
         self._subscriber: zenoh.Subscriber[Handler[zenoh.Sample]] = session.declare_subscriber(
-            key, RingChannel(_WAITING)
+            key, RingChannel(waiting)
         )
 
     def take(self) -> zenoh.Sample | None:
@@ -121,9 +122,9 @@ class LatestSubscriber:
         return samples[-1] if samples else None
 
     def drain(self) -> list[zenoh.Sample]:
-        """Return the newest samples that were not taken yet, 16 at most, oldest first; never blocks."""
+        """Return the newest samples that were not taken yet, ``waiting`` at most, oldest first; never blocks."""
         samples: list[zenoh.Sample] = []
-        while len(samples) < _WAITING and (sample := self._subscriber.try_recv()) is not None:
+        while len(samples) < self._waiting and (sample := self._subscriber.try_recv()) is not None:
             samples.append(sample)
         return samples
 
@@ -166,14 +167,19 @@ class Inbox(Generic[MessageT]):
 
     def take(self) -> MessageT | None:
         """Return the newest sound message that was not taken yet, or None; never blocks, never raises."""
-        newest = None
+        messages = self.take_all()
+        return messages[-1] if messages else None
+
+    def take_all(self) -> list[MessageT]:
+        """Return the sound messages that wait and were not taken yet, oldest first; never blocks, never raises."""
+        messages = []
         for sample in self._subscriber.drain():
             try:
-                newest = self._decode(sample)
+                messages.append(self._decode(sample))
             except MessageError as error:
                 self.rejected += 1
                 self.last_error = f"{self._subscriber.key}: {error}"
-        return newest
+        return messages
 
 
 def control_publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:

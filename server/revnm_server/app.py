@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
@@ -15,13 +15,26 @@ import zenoh
 from revnm_client.errors import ConfigError
 from revnm_client.link import open_router
 from revnm_server.api import create_application
-from revnm_server.bundle import default_bundle_path, load_bundle
+from revnm_server.bundle import (
+    Bundle,
+    DepthBundle,
+    default_bundle_path,
+    load_bundle,
+    load_depth_bundle,
+    missing_models,
+)
+from revnm_server.calibration.keeper import CalibrationKeeper
+from revnm_server.calibration.keyframes import TagMount
 from revnm_server.camera import open_camera
 from revnm_server.depth import OnnxDepth
 from revnm_server.exo2ego import OnnxExo2Ego
+from revnm_server.map_navigator import RobotShape
+from revnm_server.map_pipeline import MapPipeline
 from revnm_server.mission import Mission
 from revnm_server.pipeline import Pipeline
 from revnm_server.policy import OnnxPolicy
+from revnm_server.ports import Senses
+from revnm_server.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
 from revnm_server.settings import HttpSettings, PerceptionSettings, Settings
 from revnm_server.tag import TagDetector
@@ -46,23 +59,62 @@ class RunningServer:
     session: zenoh.Session
 
 
-def build_pipeline(settings: PerceptionSettings, robots: dict[str, int]) -> Pipeline:
-    """Return the pipeline with the models of the bundle.
-
-    Args:
-        settings: Which bundle, and how to run it.
-        robots: Tag id of each robot.
+def load_models(settings: PerceptionSettings) -> Bundle | DepthBundle:
+    """Return the models that the planner needs; without those of the policy only depth, for a search on the map.
 
     Raises:
-        FileError: A file of the bundle is missing, altered or does not fit.
+        FileError: A file of the bundle is altered or does not fit, or one that either planner needs is missing.
     """
-    bundle = load_bundle(settings.bundle or default_bundle_path(), threads=settings.threads)
+    folder = settings.bundle or default_bundle_path()
+    if settings.planner == "bev" or missing_models(folder):
+        return load_depth_bundle(folder, threads=settings.threads)
+    return load_bundle(folder, threads=settings.threads)
+
+
+def build_pipeline(bundle: Bundle, settings: PerceptionSettings, robots: Mapping[str, int]) -> Pipeline:
+    """Return the paper's pipeline.
+
+    Args:
+        bundle: The models.
+        settings: How to run them.
+        robots: Tag id of each robot.
+    """
     return Pipeline(
         bundle.spec,
         depth=OnnxDepth(bundle),
-        tags=TagDetector({tag: robot for robot, tag in robots.items()}),
+        tags=_tag_detector(robots),
         exo2ego=OnnxExo2Ego(bundle),
         planner=OnnxPolicy(bundle),
+        max_sighting_age_s=settings.max_sighting_age_s,
+    )
+
+
+def build_map_pipeline(
+    bundle: DepthBundle,
+    settings: PerceptionSettings,
+    robots: Mapping[str, int],
+    senses: Mapping[str, Senses],
+    *,
+    camera: str,
+) -> MapPipeline:
+    """Return the pipeline that plans on the map.
+
+    Args:
+        bundle: The depth network.
+        settings: How to run it, and what robots look like.
+        robots: Tag id of each robot.
+        senses: What each robot measures itself.
+        camera: Name of the camera, under which its calibration is kept.
+    """
+    folder = settings.calibration_dir
+    mount = TagMount(settings.tag_size_m, settings.tag_height_m)
+    return MapPipeline(
+        depth=OnnxDepth(bundle),
+        disparity_hw=bundle.spec.disparity_hw,
+        tags=_tag_detector(robots),
+        senses=senses,
+        shape=RobotShape(mount, settings.robot_length_m, settings.robot_width_m),
+        keeper=CalibrationKeeper(folder, camera) if folder is not None else None,
         max_sighting_age_s=settings.max_sighting_age_s,
     )
 
@@ -77,7 +129,8 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         LinkError: A Zenoh endpoint is taken.
     """
     with ExitStack() as stack:
-        pipeline = build_pipeline(settings.perception, settings.robots)
+        models = load_models(settings.perception)
+        notes = _notes(models, settings.perception)
         mission = Mission(settings.robots, state_file=settings.state_file)
         listener = stack.enter_context(_listen(settings.http))
         session = stack.enter_context(open_router(settings.zenoh.listen))
@@ -86,10 +139,11 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         service = NavigationService(
             session,
             camera=camera,
-            pipeline=pipeline,
+            pipeline=_pipeline(models, settings, session, stack),
             mission=mission,
             tick_hz=settings.perception.tick_hz,
             tag_size_m=settings.perception.tag_size_m,
+            notes=notes,
         )
         stack.enter_context(_serving_http(service, settings.http, listener))
         stack.callback(service.close)
@@ -97,6 +151,32 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         host, port = listener.getsockname()[:2]
         shown = f"[{host}]" if ":" in host else host
         yield RunningServer(f"http://{shown}:{port}/", service, session)
+
+
+def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[str]:
+    """Return what an operator should know of how the server was put together, and log it."""
+    if isinstance(models, Bundle) or settings.planner == "bev":
+        return []
+    note = f"the bundle lacks {', '.join(models.missing)}: robots are led by a search on the map (planner bev)"
+    logger.warning(note)
+    return [note]
+
+
+def _pipeline(
+    models: Bundle | DepthBundle, settings: Settings, session: zenoh.Session, stack: ExitStack
+) -> Pipeline | MapPipeline:
+    if isinstance(models, Bundle):
+        return build_pipeline(models, settings.perception, settings.robots)
+    senses = {robot: RobotSenses(session, robot) for robot in settings.robots}
+    for each in senses.values():
+        stack.callback(each.close)
+    pipeline = build_map_pipeline(models, settings.perception, settings.robots, senses, camera=settings.camera.name)
+    stack.callback(pipeline.close)
+    return pipeline
+
+
+def _tag_detector(robots: Mapping[str, int]) -> TagDetector:
+    return TagDetector({tag: robot for robot, tag in robots.items()})
 
 
 def _listen(settings: HttpSettings) -> socket.socket:

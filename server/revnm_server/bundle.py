@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from revnm_client.errors import ContractError, FileError
 from revnm_server.inference import OnnxModel, Shape
-from revnm_server.manifest import PerChannel, read_manifest
+from revnm_server.manifest import Manifest, PerChannel, PolicySection, read_manifest
 from revnm_server.observation import ObservationSpec
 
 
@@ -72,6 +72,21 @@ class Bundle:
     manifest: dict[str, Any]
 
 
+@dataclass(frozen=True, slots=True)
+class DepthBundle:
+    """What of a bundle a planner on the map needs.
+
+    Attributes:
+        spec: What the models observe; the depth network's size stands in it.
+        depth: The depth network.
+        missing: Names of the models that the bundle lacks.
+    """
+
+    spec: ObservationSpec
+    depth: DepthConfig
+    missing: tuple[str, ...]
+
+
 def default_bundle_path() -> Path:
     """Return the folder of the bundle that comes with the package."""
     return Path(__file__).parent / "bundles" / "edge"
@@ -91,7 +106,7 @@ def load_bundle(folder: Path, *, threads: int = 2) -> Bundle:
     manifest = read_manifest(folder)
     spec = manifest.observation.to_spec()
     models = manifest.models
-    for section in (models.policy, models.exo2ego, models.depth):
+    for section in _sections(manifest):
         _check_hash(folder / section.file, section.sha256)
     depth, exo2ego, policy = (
         OnnxModel(folder / section.file, threads=threads) for section in (models.depth, models.exo2ego, models.policy)
@@ -109,10 +124,51 @@ def load_bundle(folder: Path, *, threads: int = 2) -> Bundle:
     )
 
 
+def load_depth_bundle(folder: Path, *, threads: int = 2) -> DepthBundle:
+    """Load a bundle's depth network; its other models may be missing, but what is there must not be altered.
+
+    Args:
+        folder: The bundle.
+        threads: Threads that one call of the model may use.
+
+    Raises:
+        FileError: The manifest or the depth network is missing, malformed or does not fit, or any model is altered.
+    """
+    manifest = read_manifest(folder)
+    spec, section = manifest.observation.to_spec(), manifest.models.depth
+    missing = missing_models(folder)
+    for each in _sections(manifest):
+        if each.file not in missing:
+            _check_hash(folder / each.file, each.sha256)
+    model = OnnxModel(folder / section.file, threads=threads)
+    _check_model(model, *_depth(spec))
+    return DepthBundle(spec, DepthConfig(model, section.mean, section.std), missing)
+
+
+def missing_models(folder: Path) -> tuple[str, ...]:
+    """Return the names of the models, other than the depth network, that a bundle lacks.
+
+    Raises:
+        FileError: The manifest is missing or malformed.
+    """
+    models = read_manifest(folder).models
+    return tuple(each.file for each in (models.policy, models.exo2ego) if _is_missing(folder / each.file))
+
+
 def file_sha256(path: Path) -> str:
     """Return the sha256 of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _sections(manifest: Manifest) -> tuple[PolicySection, PolicySection, PolicySection]:
+    models = manifest.models
+    return models.policy, models.exo2ego, models.depth
+
+
+def _is_missing(path: Path) -> bool:
+    """Tell whether nothing at all lies there: what is there and is no file, or cannot be read, is an error."""
+    return not path.exists() and not path.is_symlink()
 
 
 def _check_hash(path: Path, expected: str) -> None:

@@ -44,6 +44,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--insecure-http", action="store_true", help="let anyone who reaches the HTTP address drive the robots")
     add("--robot", action="append", metavar="NAME=TAG", help="a robot and the id of its AprilTag (rover=0)")
     add("--bundle", type=Path, metavar="DIR", help="model bundle (the one that is shipped)")
+    add("--planner", choices=("revnm", "bev"), help="the bundle's policy, or a search on the learnt map (revnm)")
+    add("--calibration-dir", type=Path, metavar="DIR", help="keeps what bev learnt of the camera over a restart (none)")
     add("--state-file", type=Path, metavar="FILE", help="keeps goals and stops over a restart (none)")
     return parser
 
@@ -72,8 +74,9 @@ def _overrides(options: argparse.Namespace) -> dict[str, Any]:
         overrides.setdefault("http", {})["insecure"] = True
     if options.robot:
         overrides["robots"] = dict(_robot(text) for text in options.robot)
-    if options.bundle is not None:
-        overrides["perception"] = {"bundle": options.bundle}
+    perception = {key: getattr(options, key) for key in ("bundle", "planner", "calibration_dir")}
+    if given := {key: value for key, value in perception.items() if value is not None}:
+        overrides["perception"] = given
     if options.state_file is not None:
         overrides["state_file"] = options.state_file
     return overrides

@@ -11,13 +11,13 @@ from revnm_server.frame import Frame
 from revnm_server.observation import Image32
 
 if TYPE_CHECKING:
-    from revnm_server.bundle import Bundle
+    from revnm_server.bundle import Bundle, DepthBundle
 
 
 class OnnxDepth:
     """Monocular disparity."""
 
-    def __init__(self, bundle: Bundle) -> None:
+    def __init__(self, bundle: Bundle | DepthBundle) -> None:
         """Take the network, its input size and its normalisation from the bundle."""
         self._model = bundle.depth.model
         self._hw = bundle.spec.disparity_hw

@@ -96,6 +96,14 @@ class _Robot:
     scan: Scan | None = None
     sighting: RobotSighting | None = None
     driven: list[Pose2] = field(default_factory=list)
+    drive: int = -1
+
+    def note_driven(self, odom_from_robot: Pose2, *, learning: bool) -> None:
+        """Remember where the robot was seen in this drive; where nothing is to be learnt, only the last place."""
+        if self.drive != self.track.drive or not learning:
+            self.driven.clear()
+        self.drive = self.track.drive
+        self.driven.append(odom_from_robot)
 
 
 class MapNavigator:
@@ -173,7 +181,7 @@ class MapNavigator:
         each.sighting = sighting
         travel = each.track.at(sighting.stamp_ns)
         if travel is not None:
-            each.driven.append(travel.odom_from_robot)
+            each.note_driven(travel.odom_from_robot, learning=not self._calibrator.state.leads)
             self._calibrator.observe(
                 Keyframe(sighting.pixel, sighting.heading, sighting.corners, travel, each.shape.mount, each.track.drive)
             )
@@ -207,6 +215,8 @@ class MapNavigator:
         each = self._robots[robot]
         if each.sighting is None:
             return MapRoute(None, None, "the camera has not seen the robot yet")
+        if each.track.at(stamp_ns) is None:
+            return MapRoute(None, None, "the server hears no odometry of the robot")
         pixel = np.asarray(goal.normalised) * np.array(self._site.size_px) - 0.5
         if state.camera is None or place is None or not state.leads:
             return self._first_steps(each, pixel, stamp_ns, state)

@@ -266,6 +266,15 @@ class Mission:
         self._save()
         return True
 
+    def note_arrival(self, robot: str, goal_id: str) -> None:
+        """Note that ``robot`` has come to a goal, unless another is wanted by now."""
+        with self._lock:
+            wanted = self._get(robot)
+            if wanted.goal is None or wanted.goal.id != goal_id or wanted.arrived:
+                return
+            self._put(robot, replace(wanted, arrived=True))
+        self._save()
+
     def seq(self, robot: str) -> int:
         """Return the number of the last plan of ``robot``."""
         with self._lock:

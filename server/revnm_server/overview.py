@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
+
+import numpy as np
 
 from revnm_client import keys
 from revnm_client.geometry import FloatArray
@@ -16,7 +18,9 @@ from revnm_server.mission import Goal, Mission, RobotMission
 from revnm_server.orders import OrderCourier
 from revnm_server.pipeline import TickResult
 from revnm_server.robot_link import RobotLink
+from revnm_server.site_report import SiteReport, SiteRoute
 from revnm_server.view import (
+    CalibrationView,
     CameraView,
     GoalView,
     RobotView,
@@ -41,12 +45,12 @@ class SentPlan:
     Attributes:
         at_s: When, monotonic clock.
         waypoints_m: (H, 2) in the robot's frame.
-        sighting: What it was made from.
+        sighting: Where the robot was seen then or lately; None if it is known by its odometry only.
     """
 
     at_s: float
     waypoints_m: FloatArray
-    sighting: RobotSighting
+    sighting: RobotSighting | None
 
 
 @dataclass(slots=True)
@@ -56,7 +60,17 @@ class _Known:
     timings: Timings = field(default_factory=Timings)
     seen: dict[str, RobotSighting] = field(default_factory=dict)
     sent: dict[str, SentPlan] = field(default_factory=dict)
+    site: SiteReport | None = None
     fault: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Last:
+    """What the ticks have left of one robot."""
+
+    seen: RobotSighting | None
+    sent: SentPlan | None
+    route: SiteRoute | None
 
 
 class Overview:
@@ -68,6 +82,7 @@ class Overview:
         links: For what the robots say.
         courier: For what they replied.
         tag_size_m: Side of the robots' tags, for drawing paths.
+        notes: Warnings that hold all the time.
     """
 
     def __init__(
@@ -78,12 +93,14 @@ class Overview:
         courier: OrderCourier,
         *,
         tag_size_m: float,
+        notes: Sequence[str] = (),
     ) -> None:
         self._camera = camera
         self._mission = mission
         self._links = links
         self._courier = courier
         self._tag_size_m = tag_size_m
+        self._notes = tuple(notes)
         self._lock = threading.Lock()
         self._known = _Known()
 
@@ -91,6 +108,7 @@ class Overview:
         """Remember a tick that worked and what it published."""
         with self._lock:
             self._known.fault = None
+            self._known.site = result.site
             self._known.timings.add(result.timings_ms)
             self._known.seen.update({s.robot: s for s in result.sightings if s.robot in self._links})
             self._known.sent.update(sent)
@@ -102,15 +120,25 @@ class Overview:
             self._known.fault = f"tick failed: {type(error).__name__}: {error}"[:_MAX_FAULT_LENGTH]
         return new
 
+    def site(self) -> SiteReport | None:
+        """Return the last tick's report of the camera and its map, if it made one."""
+        with self._lock:
+            return self._known.site
+
     def view(self) -> ServerView:
         """Return what there is to show now; never waits for the tick, the network or the disk."""
         status = self._camera.status()
         with self._lock:
             known = self._known
             fault, timings = known.fault, known.timings.view()
-            seen, sent = dict(known.seen), dict(known.sent)
-        robots = [self._robot(robot, status, fault, seen.get(robot), sent.get(robot)) for robot in self._mission.names]
-        return self._assemble(status, fault, robots, timings)
+            seen, sent, site = dict(known.seen), dict(known.sent), known.site
+        trouble = _camera_trouble(status) if status.state is not CameraState.RUNNING else fault
+        routes = site.routes if site is not None else {}
+        robots = [
+            self._robot(robot, status, trouble, _Last(seen.get(robot), sent.get(robot), routes.get(robot)))
+            for robot in self._mission.names
+        ]
+        return self._assemble(status, fault, robots, timings, site)
 
     def _assemble(
         self,
@@ -118,6 +146,7 @@ class Overview:
         fault: str | None,
         robots: list[RobotView],
         timings: dict[str, TimingView],
+        site: SiteReport | None,
     ) -> ServerView:
         reasons = self._unready(status, fault)
         return ServerView(
@@ -128,14 +157,19 @@ class Overview:
                 fps=_rounded(status.fps, 1),
                 frame_age_s=_rounded(status.frame_age_s, 3),
                 reason=status.reason,
+                calibration=CalibrationView.of(site.calibration) if site is not None else None,
             ),
             robots=robots,
             timings_ms=timings,
             ready=not reasons,
             reasons=reasons,
-            warnings=[text for text in (status.warning, self._mission.save_error) if text is not None],
-            rejected=self._rejected(status),
+            warnings=self._warnings(status, site),
+            rejected=self._rejected(status) | (site.rejected if site is not None else {}),
         )
+
+    def _warnings(self, status: CameraStatus, site: SiteReport | None) -> list[str]:
+        passing = [text for text in (status.warning, self._mission.save_error) if text is not None]
+        return [*self._notes, *passing, *(site.warnings if site is not None else ())]
 
     def _rejected(self, status: CameraStatus) -> dict[str, int]:
         counts = self._courier.rejected
@@ -158,23 +192,18 @@ class Overview:
             reasons.append(f"no robot reports its state: {names}")
         return reasons
 
-    def _robot(
-        self,
-        robot: str,
-        status: CameraStatus,
-        fault: str | None,
-        seen: RobotSighting | None,
-        sent: SentPlan | None,
-    ) -> RobotView:
-        wanted, link = self._mission.of(robot), self._links[robot]
+    def _robot(self, robot: str, status: CameraStatus, trouble: str | None, last: _Last) -> RobotView:
+        wanted, link, seen = self._mission.of(robot), self._links[robot], last.seen
         seen_age_s = (time.time_ns() - seen.stamp_ns) / 1e9 if seen is not None else None
-        driving = sent is not None and time.monotonic() - sent.at_s <= _DRIVING_S
-        trouble = _camera_trouble(status) if status.state is not CameraState.RUNNING else fault
+        driving = last.sent is not None and time.monotonic() - last.sent.at_s <= _DRIVING_S
+        led = last.route.reason if last.route is not None else ""
         held = link.state is not None and link.state["stopped"] is True
-        does, reason = _judge(wanted, held=held, driving=driving, trouble=trouble or _sighting_trouble(seen_age_s))
+        does, reason = _judge(
+            wanted, held=held, driving=driving, trouble=trouble or led or _sighting_trouble(seen_age_s)
+        )
         if does == "driving":
-            reason = _robot_trouble(link)
-        shown = sent if does == "driving" else None
+            reason = _robot_trouble(link) or led or None
+        shown = last.sent if does == "driving" else None
         return RobotView(
             name=robot,
             status=does,
@@ -183,7 +212,7 @@ class Overview:
             pixel=pairs(seen.pixel[None], digits=1)[0] if seen is not None else None,
             heading=pairs(seen.heading[None], digits=4)[0] if seen is not None else None,
             sighting_age_s=_rounded(seen_age_s, 3),
-            path_px=pairs(self._path_px(shown), digits=1) if shown is not None else [],
+            path_px=pairs(self._path_px(shown, last.route), digits=1) if shown is not None else [],
             waypoints_m=pairs(shown.waypoints_m, digits=3) if shown is not None else [],
             robot_state=link.state,
             robot_state_age_s=_rounded(link.state_age_s, 3),
@@ -191,7 +220,12 @@ class Overview:
             seq=self._mission.seq(robot),
         )
 
-    def _path_px(self, sent: SentPlan) -> FloatArray:
+    def _path_px(self, sent: SentPlan, route: SiteRoute | None) -> FloatArray:
+        """Return the way through the learnt camera; where there is none, the waypoints by the robot's tag."""
+        if route is not None and route.way_px is not None:
+            return route.way_px
+        if sent.sighting is None:
+            return np.empty((0, 2))
         return path_in_picture(sent.waypoints_m, sent.sighting, tag_size_m=self._tag_size_m)
 
 

@@ -5,14 +5,11 @@ Symbols: R robots, N frames of history, H waypoints.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from revnm_client.errors import ContractError
 from revnm_client.geometry import FloatArray
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.history import ImageHistory
@@ -34,6 +31,8 @@ from revnm_server.ports import (
     PlanRequest,
     SightingSource,
 )
+from revnm_server.site_report import SiteReport
+from revnm_server.stage_checks import check_array, timed
 
 _NS_PER_S = 1e9
 
@@ -45,7 +44,7 @@ class RobotPlan:
     Attributes:
         robot: The robot's name.
         waypoints_m: (H, 2), metres, in the robot's frame at ``stamp_ns``.
-        stamp_ns: Capture time of the picture in which the robot was seen last, nanoseconds, server's clock.
+        stamp_ns: Capture time of the picture that says where the robot is, nanoseconds, server's clock.
         goal_id: The goal that the waypoints lead to.
     """
 
@@ -60,11 +59,13 @@ class TickResult:
     """What one picture gave.
 
     Attributes:
-        plans: One per robot that has a goal and was seen recently.
+        plans: One per robot that has a goal and whose place is known.
         sightings: Every robot that was seen recently, goal or not; ``stamp_ns`` says when.
         disparity: (h, w) in [0, 1], the whole picture.
         ego_depths: (ego_px, ego_px) in [−1, 1] of each robot that got a plan.
-        timings_ms: Duration of the stages ``depth``, ``tag``, ``exo2ego``, ``policy``, and of the ``tick``.
+        timings_ms: Duration of the stages ``depth``, ``tag``, ``exo2ego``, ``policy``, and of the ``tick``; ``map``
+            stands for the last two where plans are made on the map.
+        site: What the camera has learnt of itself and of the place; None where no map is made.
     """
 
     plans: tuple[RobotPlan, ...]
@@ -72,6 +73,7 @@ class TickResult:
     disparity: Image32
     ego_depths: dict[str, Image32]
     timings_ms: dict[str, float]
+    site: SiteReport | None = None
 
 
 class Pipeline:
@@ -125,23 +127,23 @@ class Pipeline:
             ContractError: A stage gave an array of the wrong shape or with values that are not finite.
         """
         timings_ms: dict[str, float] = {}
-        with _timed(timings_ms, "tick"):
-            with _timed(timings_ms, "depth"):
+        with timed(timings_ms, "tick"):
+            with timed(timings_ms, "depth"):
                 disparity = self._see_depth(frame)
-            with _timed(timings_ms, "tag"):
+            with timed(timings_ms, "tag"):
                 sightings = self._see_robots(frame)
             driven = [sighting for sighting in sightings if sighting.robot in goals]
-            with _timed(timings_ms, "exo2ego"):
+            with timed(timings_ms, "exo2ego"):
                 crops = self._crop(frame, driven)
                 egos = self._synthesise(crops)
-            with _timed(timings_ms, "policy"):
+            with timed(timings_ms, "policy"):
                 observations = self._observe(crops, driven, goals)
                 plans = self._plan(observations)
         return TickResult(plans, sightings, disparity, egos, timings_ms)
 
     def _see_depth(self, frame: Frame) -> Image32:
         raw = self._depth.disparity(frame)
-        _check("disparity", raw, self._spec.disparity_hw)
+        check_array("disparity", raw, self._spec.disparity_hw)
         disparity = normalise_disparity(raw)
         self._disparities.push(disparity, frame.stamp_ns)
         return disparity
@@ -171,7 +173,7 @@ class Pipeline:
     def _synthesise(self, requests: list[EgoRequest]) -> dict[str, Image32]:
         """Return what each robot would see, and remember it for the history."""
         egos = self._exo2ego.synthesise(requests)  # (R, ego_px, ego_px)
-        _check("ego depth", egos, (len(requests), self._spec.ego_px, self._spec.ego_px))
+        check_array("ego depth", egos, (len(requests), self._spec.ego_px, self._spec.ego_px))
         for request, ego in zip(requests, egos, strict=True):
             self._egos.setdefault(request.robot, self._new_history()).push(ego, request.stamp_ns)
         return {request.robot: ego for request, ego in zip(requests, egos, strict=True)}
@@ -200,7 +202,7 @@ class Pipeline:
 
     def _plan(self, requests: list[PlanRequest]) -> tuple[RobotPlan, ...]:
         waypoints = self._planner.waypoints(requests)
-        _check("waypoints", waypoints, (len(requests), self._spec.waypoints, 2))
+        check_array("waypoints", waypoints, (len(requests), self._spec.waypoints, 2))
         return tuple(
             RobotPlan(request.robot, waypoints_m, request.sighting.stamp_ns, request.goal_id)
             for request, waypoints_m in zip(requests, waypoints, strict=True)
@@ -208,17 +210,3 @@ class Pipeline:
 
     def _new_history(self) -> ImageHistory:
         return ImageHistory(count=self._spec.history, interval_s=self._spec.history_interval_s)
-
-
-@contextmanager
-def _timed(timings_ms: dict[str, float], stage: str) -> Iterator[None]:
-    start = time.perf_counter()
-    yield
-    timings_ms[stage] = (time.perf_counter() - start) * 1e3
-
-
-def _check(what: str, array: Image32 | FloatArray, shape: tuple[int, ...]) -> None:
-    if array.shape != shape:
-        raise ContractError(f"{what}: shape expected {shape}, got {array.shape}")
-    if not np.isfinite(array).all():
-        raise ContractError(f"{what}: values that are not finite")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from revnm_client.geometry import FloatArray
+from revnm_client.messages import Odometry, Scan
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.observation import Image32, ImagePose
 
@@ -68,6 +69,27 @@ class PlanRequest:
     goal_id: str
     exo: Image32
     ego: Image32
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What a robot sent since it was listened to last, oldest first, stamps in the server's clock."""
+
+    odometry: tuple[Odometry, ...] = ()
+    scans: tuple[Scan, ...] = ()
+
+
+class Senses(Protocol):
+    """Hears what a robot measures itself."""
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Number of payloads that were refused, by key."""
+        ...
+
+    def listen(self) -> Heard:
+        """Return what came since the last time; never blocks."""
+        ...
 
 
 class DisparitySource(Protocol):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import zenoh
@@ -23,6 +23,7 @@ from revnm_server.orders import OrderCourier
 from revnm_server.overview import Overview, SentPlan
 from revnm_server.pipeline import RobotPlan, TickResult
 from revnm_server.robot_link import RobotLink
+from revnm_server.site_report import SiteReport
 from revnm_server.view import ServerView
 
 logger = logging.getLogger(__name__)
@@ -32,7 +33,7 @@ _WAIT_S = 0.1
 
 
 class TickSource(Protocol):
-    """Turns pictures into plans: :class:`revnm_server.pipeline.Pipeline`, or a fake."""
+    """Turns pictures into plans: ``Pipeline``, :class:`revnm_server.map_pipeline.MapPipeline`, or a fake."""
 
     def step(self, frame: Frame, goals: Mapping[str, Goal]) -> TickResult:
         """Process one picture."""
@@ -49,6 +50,7 @@ class NavigationService:
         mission: What is wanted.
         tick_hz: Most ticks a second.
         tag_size_m: Side of the robots' tags, for drawing.
+        notes: What is odd about how it was put together, for whoever looks.
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class NavigationService:
         mission: Mission,
         tick_hz: float = 10.0,
         tag_size_m: float = 0.30,
+        notes: Sequence[str] = (),
     ) -> None:
         self.camera = camera
         self.mission = mission
@@ -67,7 +70,7 @@ class NavigationService:
         self._period_s = 1.0 / tick_hz
         self._links = {robot: RobotLink(session, robot) for robot in mission.names}
         self._courier = OrderCourier(session, mission)
-        self._overview = Overview(camera, mission, self._links, self._courier, tag_size_m=tag_size_m)
+        self._overview = Overview(camera, mission, self._links, self._courier, tag_size_m=tag_size_m, notes=notes)
         self._publishing = threading.Lock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="tick", daemon=True)
@@ -115,6 +118,10 @@ class NavigationService:
         """Return what there is to show now; never waits for the tick, the network or the disk."""
         return self._overview.view()
 
+    def site(self) -> SiteReport | None:
+        """Return what the last tick left of the camera and its map; None before that, and where no map is made."""
+        return self._overview.site()
+
     def _run(self) -> None:
         seq = -1
         while not self._closing.is_set():
@@ -143,17 +150,22 @@ class NavigationService:
     def _tick(self, frame: Frame) -> None:
         if self.camera.status().state is not CameraState.RUNNING:
             return
-        result = self._pipeline.step(frame, self.mission.driving_goals())
+        goals = self.mission.driving_goals()
+        result = self._pipeline.step(frame, goals)
         now_seen = {s.robot: s for s in result.sightings if s.robot in self._links}
         for robot, sighting in now_seen.items():
             if sighting.stamp_ns == frame.stamp_ns:
                 u, v = (float(x) for x in sighting.pixel)
                 self.mission.note_position(robot, (u, v), size_px=frame.size_px)
-        sent = {plan.robot: self._publish(plan, now_seen[plan.robot]) for plan in result.plans}
+        routes = result.site.routes if result.site is not None else {}
+        for robot, route in routes.items():
+            if route.arrived:
+                self.mission.note_arrival(robot, goals[robot].id)
+        sent = {plan.robot: self._publish(plan, now_seen.get(plan.robot)) for plan in result.plans}
         published = {robot: plan for robot, plan in sent.items() if plan is not None}
         self._overview.note_tick(result, published)
 
-    def _publish(self, plan: RobotPlan, sighting: RobotSighting) -> SentPlan | None:
+    def _publish(self, plan: RobotPlan, sighting: RobotSighting | None) -> SentPlan | None:
         """Send a plan if it is still fresh and still wanted."""
         old = time.time_ns() - plan.stamp_ns > MAX_PLAN_AGE_NS
         if old or self.camera.status().state is not CameraState.RUNNING:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ipaddress
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import pydantic
 import yaml
@@ -35,18 +35,25 @@ class Section(pydantic.BaseModel):
 
 
 class CameraSettings(Section):
-    """The camera on the wall."""
+    """The camera on the wall; ``name`` is that of the file in which its calibration is kept."""
 
     url: str = "zenoh://camera"
+    name: str = "camera"
 
     def __repr__(self) -> str:
-        return f"CameraSettings(url={redact(self.url)!r})"
+        return f"CameraSettings(url={redact(self.url)!r}, name={self.name!r})"
 
     @pydantic.field_validator("url")
     @classmethod
     def _understood(cls, url: str) -> str:
         _reraised(parse_camera_url, url)
         return url
+
+    @pydantic.field_validator("name")
+    @classmethod
+    def _named(cls, name: str) -> str:
+        _reraised(check_name, name)
+        return name
 
 
 class ZenohSettings(Section):
@@ -99,13 +106,23 @@ class HttpSettings(Section):
 
 
 class PerceptionSettings(Section):
-    """The models and how they are run."""
+    """What makes plans, the models and how they are run, and what robots look like.
 
+    ``planner`` is ``revnm``, the bundle's policy, or ``bev``, a search on the map that the camera's own calibration
+    makes; that one needs ``tag_height_m``, the height of the tags over the floor, and the body of a robot, the
+    tag in its middle. ``calibration_dir`` keeps what it learnt over a restart.
+    """
+
+    planner: Literal["revnm", "bev"] = "revnm"
     bundle: Path | None = None
     threads: Annotated[int, pydantic.Field(ge=1, le=64)] = 2
     tick_hz: Annotated[float, pydantic.Field(gt=0.0, le=60.0)] = 10.0
     max_sighting_age_s: Annotated[float, pydantic.Field(gt=0.0, le=1.0)] = 1.0
     tag_size_m: Annotated[float, pydantic.Field(gt=0.0, le=2.0)] = 0.30
+    tag_height_m: Annotated[float, pydantic.Field(ge=0.0, le=3.0)] = 0.14
+    robot_length_m: Annotated[float, pydantic.Field(gt=0.0, le=5.0)] = 0.43
+    robot_width_m: Annotated[float, pydantic.Field(gt=0.0, le=5.0)] = 0.36
+    calibration_dir: Path | None = None
 
 
 class Settings(BaseSettings):

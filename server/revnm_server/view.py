@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ import numpy as np
 
 from revnm_client.geometry import FloatArray
 from revnm_client.json_payload import Scalar
+from revnm_server.calibration.calibrator import CalibrationState
 from revnm_server.frame import RobotSighting
 from revnm_server.tag_plane import TagPlane
 
@@ -21,8 +23,39 @@ Pair = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
+class CalibrationView:
+    """What the server has learnt of the camera.
+
+    Attributes:
+        status: ``unknown`` before a robot was seen; ``learning``; ``good``.
+        progress: How far the learning is, in [0, 1].
+        spread_1_m_cm: Standard deviation of a place on the floor 1 m from the robot seen last; None if unknown.
+        spread_2_m_cm: The same at 2 m.
+        event: What happened last that a person should know.
+    """
+
+    status: Literal["unknown", "learning", "good"]
+    progress: float
+    spread_1_m_cm: float | None
+    spread_2_m_cm: float | None
+    event: str | None
+
+    @classmethod
+    def of(cls, state: CalibrationState) -> CalibrationView:
+        """Return what there is to show of a calibration."""
+        one, two = (
+            round(100.0 * spread_m, 1) if math.isfinite(spread_m) else None
+            for spread_m in (state.spread_1_m, state.spread_2_m)
+        )
+        return cls(state.status, round(state.progress, 3), one, two, state.event)
+
+
+@dataclass(frozen=True, slots=True)
 class CameraView:
-    """The camera: ``frame_age_s`` since the newest picture came; ``reason`` why it is not running."""
+    """The camera: ``frame_age_s`` since the newest picture came; ``reason`` why it is not running.
+
+    ``calibration`` is None where no map is made.
+    """
 
     url: str
     state: Literal["init", "running", "stale", "reconnecting", "ended"]
@@ -30,6 +63,7 @@ class CameraView:
     fps: float | None
     frame_age_s: float | None
     reason: str | None
+    calibration: CalibrationView | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +82,7 @@ class RobotView:
     Attributes:
         name: Its name.
         status: What it is doing; ``waiting`` has a goal and gets no plan.
-        reason: Why it waits, or what else a person should know.
+        reason: Why it waits, what is provisional about its way, or what else a person should know.
         goal: Where it is to go.
         pixel: Where it was seen last, pixels.
         heading: Unit vector of its forward axis in the picture, then.
@@ -91,7 +125,7 @@ class ServerView:
     Attributes:
         camera: The camera.
         robots: All robots.
-        timings_ms: By stage: ``depth``, ``tag``, ``exo2ego``, ``policy``, ``tick``.
+        timings_ms: By stage: ``depth``, ``tag``, ``exo2ego``, ``policy``, ``tick``, and ``map`` where one is made.
         ready: Whether a goal would be driven to now.
         reasons: Why it is not ready.
         warnings: What is odd, though it works.

@@ -140,6 +140,7 @@ def test_every_other_error_is_a_problem_too(api: Api, service: NavigationService
     assert "GET" not in assert_problem(api.call("POST", GOAL), 405).get("detail", "")
     assert_problem(api.call("GET", "/api/v1/frame.jpg"), 409)
     assert_problem(api.call("GET", "/api/v1/stream.mjpg?layer=x"), 422)
+    assert "no map" in assert_problem(api.call("GET", "/api/v1/stream.mjpg?layer=map"), 409)["detail"]
     assert_problem(api.call("PUT", GOAL, content=b"x" * 20_000), 413)
     assert_problem(api.call("PUT", GOAL, content=iter_async([b"{}"])), 411)
     assert service.mission.of("rover").goal is None

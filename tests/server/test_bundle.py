@@ -10,7 +10,7 @@ import onnx
 import pytest
 
 from revnm_client.errors import FileError
-from revnm_server.bundle import file_sha256, load_bundle
+from revnm_server.bundle import file_sha256, load_bundle, load_depth_bundle, missing_models
 
 from .tiny_bundle import DISPARITY_HW, EGO_PX, depth_model, policy_model, write_tiny_bundle
 
@@ -168,3 +168,32 @@ def test_the_tiny_policy_steers_to_the_side_of_the_goal(tiny_bundle: Path) -> No
 
 def test_a_tiny_bundle_with_history_loads(tmp_path: Path) -> None:
     assert load_bundle(write_tiny_bundle(tmp_path / "b", steer="ahead", history=5)).spec.history == 5
+
+
+def test_a_map_needs_the_depth_network_only(tiny_bundle: Path) -> None:
+    assert load_depth_bundle(tiny_bundle).missing == ()
+    (tiny_bundle / "policy.onnx").unlink()
+    bundle = load_depth_bundle(tiny_bundle)
+    assert bundle.missing == missing_models(tiny_bundle) == ("policy.onnx",)
+    assert bundle.spec.disparity_hw == DISPARITY_HW
+    (tiny_bundle / "exo2ego.onnx").unlink()
+    assert missing_models(tiny_bundle) == ("policy.onnx", "exo2ego.onnx")
+    (tiny_bundle / "depth.onnx").unlink()
+    with pytest.raises(FileError, match=r"depth\.onnx: missing"):
+        load_depth_bundle(tiny_bundle)
+
+
+@pytest.mark.parametrize("file", ["policy.onnx", "depth.onnx"])
+def test_what_is_there_must_not_be_altered_even_where_it_is_not_needed(tiny_bundle: Path, file: str) -> None:
+    (tiny_bundle / "exo2ego.onnx").unlink()
+    (tiny_bundle / file).write_bytes(b"altered")
+    with pytest.raises(FileError, match=rf"{file}: altered"):
+        load_depth_bundle(tiny_bundle)
+
+
+def test_a_link_to_nowhere_is_an_error_and_not_missing(tiny_bundle: Path) -> None:
+    (tiny_bundle / "policy.onnx").unlink()
+    (tiny_bundle / "policy.onnx").symlink_to("/nowhere")
+    assert missing_models(tiny_bundle) == ()
+    with pytest.raises(FileError, match=r"policy\.onnx: missing"):
+        load_bundle(tiny_bundle)

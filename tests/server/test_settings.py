@@ -70,3 +70,32 @@ def test_secrets_are_neither_shown_nor_told() -> None:
     with pytest.raises(ConfigError) as caught:
         load_settings(overrides={"http": {"token": "hush hush"}, "camera": {"url": "http://u:hushhush@cam"}})
     assert "hush" not in str(caught.value)
+
+
+def test_the_map_planner_is_chosen_and_told_of_the_robots_in_the_file(config: Path) -> None:
+    settings = load_settings()
+    assert settings.perception.planner == "revnm"
+    assert settings.perception.calibration_dir is None
+    config.write_text("camera: {name: hall}\nperception: {planner: bev, tag_height_m: 0.2, calibration_dir: kept}\n")
+    settings = load_settings(config)
+    assert settings.camera.name == "hall"
+    assert (settings.perception.planner, settings.perception.tag_height_m) == ("bev", 0.2)
+    assert settings.perception.calibration_dir == Path("kept")
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("camera", "name", "a/b"),
+        ("camera", "name", "../hall"),
+        ("perception", "planner", "astar"),
+        ("perception", "tag_height_m", -0.1),
+        ("perception", "robot_length_m", 0.0),
+        ("perception", "robot_width_m", ".inf"),
+    ],
+)
+def test_a_wrong_value_for_the_map_planner_names_its_place(config: Path, section: str, key: str, value: object) -> None:
+    config.write_text(f"{section}:\n  {key}: {value}\n")
+    with pytest.raises(ConfigError) as caught:
+        load_settings(config)
+    assert f"{config}:2: {section}.{key}: " in str(caught.value)

@@ -111,10 +111,10 @@ def refusal(bundle: Path) -> str:
         return server.output
 
 
-def test_a_missing_model_keeps_the_server_from_starting(bundle: Path) -> None:
-    (bundle / "exo2ego.onnx").unlink()
+def test_a_missing_depth_model_keeps_the_server_from_starting(bundle: Path) -> None:
+    (bundle / "depth.onnx").unlink()
     said = refusal(bundle)
-    assert f"{bundle / 'exo2ego.onnx'}: missing" in said
+    assert f"{bundle / 'depth.onnx'}: missing" in said
 
 
 def test_an_altered_model_keeps_the_server_from_starting(bundle: Path) -> None:

@@ -104,8 +104,9 @@ class Calibrator:
         one, two = self._spread(1.0), self._spread(2.0)
         camera = FloorCamera.from_vector(belief.mean, self._size_px)
         misfit = self._solution.misfit if self._solution is not None else 1.0
-        status: Literal["learning", "good"] = "good" if two <= _SURE_AT_2_M else "learning"
         frames, travel_m = self._frames.frames, math.inf if self._known else self._frames.travel_m()
+        good = two <= _SURE_AT_2_M and travel_m >= _LEAST_TRAVEL_M
+        status: Literal["learning", "good"] = "good" if good else "learning"
         return CalibrationState(status, camera, belief.covariance, one, two, misfit, len(frames), travel_m, self._event)
 
     def observe(self, frame: Keyframe) -> None:

@@ -97,7 +97,10 @@ function renderRobot(robot, quiet) {
   $("drop").hidden = robot.goal === null;
   const { fps, frame_age_s: age } = state.camera;
   const tick = state.timings_ms.tick;
+  const calibration = state.camera.calibration;
+  $("map-box").hidden = !calibration;
   const facts = {
+    ...(calibration && { "Calibration": calibrated(calibration) }),
     "Picture": age === null ? "none yet" : `${age.toFixed(1)} s old${fps ? `, ${fps.toFixed(0)} fps` : ""}`,
     "Robot seen": ago(robot.sighting_age_s),
     "Robot heard": ago(robot.robot_state_age_s),
@@ -127,6 +130,16 @@ function saying({ status, robot_state: own }) {
   if (own.moving) return typeof own.v_mps === "number" ? `moving, ${Math.abs(own.v_mps).toFixed(1)} m/s` : "moving";
   const idle = status === "arrived" || status === "no_goal";
   return own.reason === null || (idle && /^(no )?plan /.test(own.reason)) ? "standing" : own.reason;
+}
+
+/** How well the server knows the camera, as far as it has learnt it from the robots. */
+function calibrated({ status, progress, spread_2_m_cm: spread, event }) {
+  const known = {
+    unknown: "no robot seen yet",
+    learning: `learning ${Math.floor(100 * progress)} %`,
+    good: `good, ± ${Math.max(1, Math.round(spread))} cm at 2 m`,
+  }[status];
+  return event && status !== "good" ? `${known} – ${event}` : known;
 }
 
 function element(tag, text) {
@@ -215,10 +228,21 @@ window.addEventListener("keyup", (event) => event.code === "Space" && event.prev
 const picture = $("picture");
 const stream = () => (picture.src = `api/v1/stream.mjpg?since=${Date.now()}`);
 picture.addEventListener("error", () => setTimeout(stream, 1000));
+// The map is streamed only while it is looked at.
+const map = $("map");
+const mapStream = () => {
+  if ($("map-box").open) map.src = `api/v1/stream.mjpg?layer=map&since=${Date.now()}`;
+  else map.removeAttribute("src");
+};
+map.addEventListener("error", () => $("map-box").open && setTimeout(mapStream, 1000));
+$("map-box").addEventListener("toggle", mapStream);
 // A stream that ended shows its last picture without an error: begin anew when the server is back.
 setInterval(() => {
   const quiet = isQuiet();
-  if (wasQuiet && !quiet) stream();
+  if (wasQuiet && !quiet) {
+    stream();
+    mapStream();
+  }
   if (wasQuiet !== quiet) render();
   wasQuiet = quiet;
 }, 250);

@@ -1,0 +1,193 @@
+"""The server's tick without a policy: picture → depth, tags → map of the floor → a way for each robot.
+
+Stands in the place of :class:`revnm_server.pipeline.Pipeline`. What it knows of the camera it has learnt from the
+robots' odometry, and the robots' scans correct its map.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+import numpy as np
+
+from revnm_client.geometry import FloatArray
+from revnm_server.calibration.calibrator import CalibrationState, Calibrator
+from revnm_server.calibration.keeper import CalibrationKeeper
+from revnm_server.floor_camera import FloorCamera
+from revnm_server.frame import Frame, RobotSighting
+from revnm_server.map_navigator import MapNavigator, MapRoute, NavigatorTick, RobotShape
+from revnm_server.observation import Image32, normalise_disparity
+from revnm_server.pipeline import RobotPlan, TickResult
+from revnm_server.ports import DisparitySource, GoalPixel, Senses, SightingSource
+from revnm_server.site_map import SiteMap
+from revnm_server.site_report import SiteReport, SiteRoute
+from revnm_server.stage_checks import check_array, timed
+
+logger = logging.getLogger(__name__)
+
+_ARRIVED_M = 0.2
+_DRAWN_EVERY = 6  # points of a way, which are 0.05 m apart
+_FARTHEST_PX = 20_000.0
+_LEAST_DEPTH_M = 0.1
+_NS_PER_S = 1e9
+
+
+class MapPipeline:
+    """One camera's pictures in, plans out. Used by one thread."""
+
+    def __init__(
+        self,
+        *,
+        depth: DisparitySource,
+        disparity_hw: tuple[int, int],
+        tags: SightingSource,
+        senses: Mapping[str, Senses],
+        shape: RobotShape,
+        keeper: CalibrationKeeper | None = None,
+        max_sighting_age_s: float = 1.0,
+    ) -> None:
+        """Begin with an unknown camera, whose first picture says how large its pictures are.
+
+        Args:
+            depth: Sees how near things are.
+            disparity_hw: Height and width of what it gives.
+            tags: Sees where robots are.
+            senses: By robot, what it measures itself.
+            shape: Of each robot.
+            keeper: Keeps the calibration over a restart; None keeps nothing.
+            max_sighting_age_s: For how long the last sighting of a hidden robot is shown.
+        """
+        self._depth, self._hw, self._tags = depth, disparity_hw, tags
+        self._senses, self._shape, self._keeper = senses, shape, keeper
+        self._max_sighting_age_s = max_sighting_age_s
+        self._size_px: tuple[int, int] | None = None
+        self._resized: str | None = None
+        self._calibrator: Calibrator
+        self._navigator: MapNavigator
+        self._last_seen: dict[str, RobotSighting] = {}
+
+    def step(self, frame: Frame, goals: Mapping[str, GoalPixel]) -> TickResult:
+        """Process one picture.
+
+        Args:
+            frame: The newest picture.
+            goals: Where robots should go, by the robot's name; who is not in it gets no plan.
+
+        Raises:
+            ContractError: The depth source gave an array of the wrong shape or with values that are not finite.
+        """
+        timings_ms: dict[str, float] = {}
+        with timed(timings_ms, "tick"):
+            with timed(timings_ms, "depth"):
+                disparity = self._depth.disparity(frame)
+                check_array("disparity", disparity, self._hw)
+            with timed(timings_ms, "tag"):
+                sightings = self._see_robots(frame)
+            with timed(timings_ms, "map"):
+                tick = self._navigate(frame, disparity, sightings, goals)
+        plans = tuple(
+            RobotPlan(robot, route.waypoints_m, frame.stamp_ns, goals[robot].id)
+            for robot, route in tick.routes.items()
+            if route.waypoints_m is not None
+        )
+        if self._keeper is not None:
+            self._keeper.offer(frame.size_px, self._calibrator.belief, good=tick.calibration.status == "good")
+        site = self._report(frame, tick, goals)
+        seen = tuple(self._last_seen.values())
+        return TickResult(plans, seen, normalise_disparity(disparity), {}, timings_ms, site)
+
+    def close(self) -> None:
+        """Keep what was learnt of the camera."""
+        if self._keeper is not None:
+            self._keeper.close()
+
+    def _see_robots(self, frame: Frame) -> list[RobotSighting]:
+        """Return the robots that are seen now, and remember for a while where they were."""
+        now = [sighting for sighting in self._tags.sightings(frame) if sighting.robot in self._senses]
+        self._last_seen |= {sighting.robot: sighting for sighting in now}
+        self._last_seen = {
+            robot: sighting
+            for robot, sighting in self._last_seen.items()
+            if 0.0 <= (frame.stamp_ns - sighting.stamp_ns) / _NS_PER_S <= self._max_sighting_age_s
+        }
+        return now
+
+    def _navigate(
+        self, frame: Frame, disparity: Image32, sightings: list[RobotSighting], goals: Mapping[str, GoalPixel]
+    ) -> NavigatorTick:
+        if frame.size_px != self._size_px:
+            self._begin(frame.size_px)
+        for robot, senses in self._senses.items():
+            heard = senses.listen()
+            for odometry in heard.odometry:
+                self._navigator.hear_odometry(robot, odometry)
+            for scan in heard.scans:
+                self._navigator.hear_scan(robot, scan)
+        return self._navigator.step(frame.stamp_ns, disparity, sightings, goals)
+
+    def _begin(self, size_px: tuple[int, int]) -> None:
+        """Begin with a camera of which nothing is known but the size of its picture."""
+        if self._size_px is not None:
+            before, after = (f"{width} × {height}" for width, height in (self._size_px, size_px))
+            self._resized = f"the camera's pictures are {after} now, not {before}: learning it anew"
+            logger.warning(self._resized)
+        self._size_px = size_px
+        kept = self._keeper.load(size_px) if self._keeper is not None else None
+        self._calibrator = Calibrator(size_px, kept=kept)
+        self._navigator = MapNavigator(
+            dict.fromkeys(self._senses, self._shape), self._calibrator, SiteMap(size_px, self._hw)
+        )
+
+    def _report(self, frame: Frame, tick: NavigatorTick, goals: Mapping[str, GoalPixel]) -> SiteReport:
+        rejected: dict[str, int] = {}
+        for senses in self._senses.values():
+            rejected |= senses.rejected
+        return SiteReport(
+            stamp_ns=frame.stamp_ns,
+            calibration=tick.calibration,
+            grid=tick.grid,
+            places=tick.places,
+            routes={
+                robot: _site_route(route, tick, robot, goals[robot], frame.size_px)
+                for robot, route in tick.routes.items()
+            },
+            warnings=self._warnings(tick.calibration),
+            rejected=rejected,
+        )
+
+    def _warnings(self, calibration: CalibrationState) -> tuple[str, ...]:
+        if calibration.status == "good":
+            self._resized = None
+        trouble = self._keeper.trouble if self._keeper is not None else None
+        return tuple(text for text in (self._resized, trouble) if text is not None)
+
+
+def _site_route(
+    route: MapRoute, tick: NavigatorTick, robot: str, goal: GoalPixel, size_px: tuple[int, int]
+) -> SiteRoute:
+    camera, place = tick.calibration.camera, tick.places.get(robot)
+    if camera is None or not tick.calibration.leads:
+        return SiteRoute(route.reason)
+    goal_m, valid = camera.on_plane(np.asarray(goal.normalised) * np.array(size_px) - 0.5)
+    if not valid:
+        return SiteRoute(route.reason)
+    arrived = place is not None and float(np.hypot(*(goal_m - place[:2]))) <= _ARRIVED_M
+    way_px = way_in_picture(route.way_m, camera) if route.way_m is not None else None
+    return SiteRoute(route.reason, route.way_m, way_px, goal_m, arrived)
+
+
+def way_in_picture(way_m: FloatArray, camera: FloorCamera) -> FloatArray:
+    """Draw a way on the floor in the picture.
+
+    Args:
+        way_m: (P, 2) metres, floor frame.
+        camera: What is known of the camera.
+
+    Returns:
+        (Q, 2) pixels of every few of its points and the last; it ends where it would pass below the camera.
+    """
+    few = np.concatenate([way_m[:-1:_DRAWN_EVERY], way_m[-1:]])
+    pixels, depths = camera.project(np.column_stack([few, np.zeros(len(few))]))
+    shown = (depths > _LEAST_DEPTH_M) & np.all(np.abs(pixels) < _FARTHEST_PX, axis=1)
+    return np.asarray(pixels[np.logical_and.accumulate(shown)], dtype=np.float64)

@@ -1,0 +1,79 @@
+"""Which planner the server puts together, and that it says so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from revnm_client.errors import FileError
+from revnm_client.link import open_client
+from revnm_server.app import running_server
+from revnm_server.settings import load_settings
+
+from .free_port import free_port
+from .service_parts import CameraFeed
+from .waiting import eventually
+
+
+@contextmanager
+def states(bundle: Path, **perception: object) -> Iterator[Any]:
+    """Run a server and a camera; yields a function that asks for the state."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    overrides = {
+        "zenoh": {"listen": [endpoint]},
+        "http": {"port": 0},
+        "perception": {"bundle": bundle, **perception},
+    }
+    with (
+        running_server(load_settings(overrides=overrides)) as server,
+        open_client([endpoint]) as client,
+        CameraFeed(client),
+        httpx.Client(base_url=server.url, timeout=5.0, trust_env=False) as http,
+    ):
+
+        def state() -> Any:
+            document = http.get("/api/v1/state").json()
+            return document if document["timings_ms"] else None
+
+        yield state
+
+
+def test_the_policy_is_the_usual_planner(tiny_bundle: Path) -> None:
+    with states(tiny_bundle) as state:
+        shown = eventually(state)
+    assert "policy" in shown["timings_ms"]
+    assert shown["camera"]["calibration"] is None
+    assert shown["warnings"] == []
+
+
+def test_the_map_planner_runs_where_it_is_asked_for(tiny_bundle: Path) -> None:
+    with states(tiny_bundle, planner="bev") as state:
+        shown = eventually(state)
+    assert set(shown["timings_ms"]) == {"depth", "tag", "map", "tick"}
+    calibration = {"status": "unknown", "progress": 0.0, "spread_1_m_cm": None, "spread_2_m_cm": None, "event": None}
+    assert shown["camera"]["calibration"] == calibration
+    assert shown["warnings"] == []
+    assert {"rover/odom", "rover/scan"} <= set(shown["rejected"])
+
+
+@pytest.mark.parametrize("missing", ["policy.onnx", "exo2ego.onnx"])
+def test_a_bundle_without_its_policy_falls_back_to_the_map_and_says_so(
+    tiny_bundle: Path, missing: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tiny_bundle / missing).unlink()
+    with states(tiny_bundle) as state:
+        shown = eventually(state)
+    assert "map" in shown["timings_ms"]
+    assert f"the bundle lacks {missing}" in shown["warnings"][0]
+    assert f"the bundle lacks {missing}" in caplog.text
+
+
+def test_an_altered_policy_is_no_reason_to_fall_back(tiny_bundle: Path) -> None:
+    (tiny_bundle / "policy.onnx").write_bytes(b"altered")
+    with pytest.raises(FileError, match=r"policy\.onnx: altered"), states(tiny_bundle):
+        pass
