@@ -71,7 +71,7 @@ METHOD_NOTES: Mapping[str, str] = MappingProxyType(
         "no_exo2ego": "the same models, with an ego depth that shows nothing; the paper trains a policy without it",
         "oracle_ego": "the same models, with the true ego depth",
         "no_dagger": "models trained without recovery data, from a bundle of their own",
-        "bev": "the planner on a map of the camera's depth; calibrates itself from nothing in every trial, from the tag's "
+        "bev": "the planner on a map of the camera's depth; calibrates itself anew in every trial, by the tag's "
         "corners with 0.5 px of noise while it is seen, and hears odometry and scans",
         "bev_no_lidar": "the same without scans in the map",
         "ibvs": "as the paper's, but the floor mask is the simulator's, not SAM 3's: an upper bound",
