@@ -29,7 +29,7 @@ class MapSpec:
     Attributes:
         cell_m: Side of a cell.
         ahead_m: The map covers x up to this.
-        behind_m: The map covers x from minus this: a steep camera sees floor behind its own foot.
+        behind_m: The map covers x from minus this: robots pass below the camera, too.
         width_m: The map covers y to half of this on both sides.
         floor_logit: Log-odds that a pixel of sure floor takes from its cell.
         obstacle_logit: Log-odds that a pixel of a sure obstacle adds to its cell.
@@ -43,7 +43,7 @@ class MapSpec:
 
     cell_m: float = 0.1
     ahead_m: float = 18.0
-    behind_m: float = 1.0
+    behind_m: float = 3.0
     width_m: float = 20.0
     floor_logit: float = 0.4
     obstacle_logit: float = 1.2

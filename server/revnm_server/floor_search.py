@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from revnm_client.geometry import FloatArray
+from revnm_client.geometry import FloatArray, Pose2
 from revnm_server.floor_graph import Cell, FloorGraph
 from revnm_server.travel_cost import TravelCost
 from revnm_server.way_smoothing import smooth
@@ -44,14 +44,19 @@ class Task:
     Attributes:
         cost: Of the cells.
         closed: (Ny, Nx) cells that no way may enter; not the robot's own.
-        robot_m: (2,) where the robot is, metres, frame of the map; may be outside of the grid.
+        map_from_robot: Where the robot is; may be outside of the grid.
         likely: The way is expected to cost no more; only the time of the search depends on it.
     """
 
     cost: TravelCost
     closed: BoolArray
-    robot_m: FloatArray
+    map_from_robot: Pose2
     likely: float
+
+    @property
+    def robot_m(self) -> FloatArray:
+        """(2,) where the robot is, metres, frame of the map."""
+        return np.array(self.map_from_robot[:2])
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,6 +34,7 @@ class KeepSettings:
         nearer_m: A way that ends so much nearer to the goal is taken at once.
         off_m: A robot farther away is no longer on the way.
         moved_m: A goal that moved farther, though it is called the same, is a new one.
+        turn_m_per_rad: What turning into a way costs, in metres of free floor.
     """
 
     ratio: float = 0.85
@@ -46,6 +47,7 @@ class KeepSettings:
     nearer_m: float = 0.3
     off_m: float = 0.8
     moved_m: float = 0.5
+    turn_m_per_rad: float = 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,7 @@ class Option:
 
     Attributes:
         way_m: (P, 2) from the robot, metres, frame of the map.
-        cost: Of it, in metres of free floor.
+        cost: Of it and of turning into it, in metres of free floor.
         short_m: How far from the goal it ends; 0 if it leads there.
         blocked: It goes where no way may go.
     """

@@ -18,12 +18,13 @@ import numpy as np
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Odometry, Scan
 from revnm_server.calibration.calibrator import CalibrationState, Calibrator
-from revnm_server.calibration.keyframes import Keyframe, TagMount
+from revnm_server.calibration.keyframes import Keyframe, TagMount, Travel
 from revnm_server.calibration.odometry_track import OdometryTrack
 from revnm_server.first_steps import StepSettings, first_steps
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.floor_map import Body
 from revnm_server.frame import RobotSighting
+from revnm_server.goal_search import TRUSTED_M, GoalSearch
 from revnm_server.map_planner import MapPlanner, PlannerSettings
 from revnm_server.observation import Image32
 from revnm_server.ports import GoalPixel
@@ -32,6 +33,8 @@ from revnm_server.site_map import SiteMap
 from revnm_server.tag_plane import TagPlane
 
 _DRIVES_OF_A_ROBOT = 1_000_000
+_ARRIVED_M = 0.2
+_SEARCHING = "the robot should be at its goal, but the camera does not see it there: looking around"
 _BACK_LEAST_M = 0.15
 _BACK_M = 0.4  # a robot that was lost from sight is led back at least so far: nearer is as good as there
 
@@ -63,11 +66,15 @@ class MapRoute:
         waypoints_m: (H, 2) metres, frame of the robot at the picture's capture; None for no plan.
         way_m: (P, 2) the way in the camera's floor frame, metres; None without a map.
         reason: Why there is no plan, or what is provisional about it; empty where all is well.
+        goal_m: (2,) the goal on the floor, the camera's floor frame; None where it is not known.
+        arrived: The robot's middle is at the goal, and the camera has just seen it.
     """
 
     waypoints_m: FloatArray | None
     way_m: FloatArray | None
     reason: str
+    goal_m: FloatArray | None = None
+    arrived: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +99,11 @@ class _Robot:
     shape: RobotShape
     track: OdometryTrack
     planner: MapPlanner
+    search: GoalSearch = field(default_factory=GoalSearch)
     trail: ScanTrail = field(default_factory=ScanTrail)
     scan: Scan | None = None
     sighting: RobotSighting | None = None
+    seen: Travel | None = None
     driven: list[Pose2] = field(default_factory=list)
     drive: int = -1
 
@@ -104,6 +113,11 @@ class _Robot:
             self.driven.clear()
         self.drive = self.track.drive
         self.driven.append(odom_from_robot)
+
+    def hidden_m(self, travel: Travel) -> float:
+        """Return how far the robot went since the camera saw it last; inf if that was not in this drive."""
+        seen_now = self.seen is not None and self.drive == self.track.drive
+        return travel.way_m - self.seen.way_m if seen_now and self.seen is not None else math.inf
 
 
 class MapNavigator:
@@ -182,6 +196,7 @@ class MapNavigator:
         travel = each.track.at(sighting.stamp_ns)
         if travel is not None:
             each.note_driven(travel.odom_from_robot, learning=not self._calibrator.state.leads)
+            each.seen = travel
             self._calibrator.observe(
                 Keyframe(sighting.pixel, sighting.heading, sighting.corners, travel, each.shape.mount, each.track.drive)
             )
@@ -202,7 +217,7 @@ class MapNavigator:
             for past in each.trail.all():
                 place = self._calibrator.floor_from_robot(past.travel, past.drive)
                 if place is not None:
-                    self._site.hear_scan(past.scan, place)
+                    self._site.hear_scan(past.scan, place, times=past.times)
 
     def _see(self, stamp_ns: int, disparity: Image32, places: Mapping[str, Pose2]) -> None:
         bodies = tuple(self._robots[name].shape.body(place) for name, place in places.items())
@@ -215,7 +230,8 @@ class MapNavigator:
         each = self._robots[robot]
         if each.sighting is None:
             return MapRoute(None, None, "the camera has not seen the robot yet")
-        if each.track.at(stamp_ns) is None:
+        travel = each.track.at(stamp_ns)
+        if travel is None:
             return MapRoute(None, None, "the server hears no odometry of the robot")
         pixel = np.asarray(goal.normalised) * np.array(self._site.size_px) - 0.5
         if state.camera is None or place is None or not state.leads:
@@ -228,8 +244,14 @@ class MapNavigator:
         goal_m, valid = state.camera.on_plane(pixel)
         if not valid:
             return MapRoute(None, None, "the goal is above the horizon")
-        plan = each.planner.plan(grid, place, goal_m, goal_id=goal.id, stamp_ns=stamp_ns)
-        return MapRoute(plan.waypoints_m, plan.way_m, plan.reason or self._site.reason)
+        hidden_m = each.hidden_m(travel)
+        target_m = each.search.target_m(goal.id, goal_m, np.array(place[:2]), hidden_m=hidden_m, stamp_ns=stamp_ns)
+        if target_m is None:
+            return MapRoute(None, None, "the camera sees the robot nowhere near its goal", goal_m)
+        plan = each.planner.plan(grid, place, target_m, goal_id=goal.id, stamp_ns=stamp_ns)
+        reason = _SEARCHING if each.search.searching else plan.reason or self._site.reason
+        arrived = hidden_m <= TRUSTED_M and math.hypot(*(goal_m - place[:2])) <= _ARRIVED_M
+        return MapRoute(plan.waypoints_m, plan.way_m, reason, goal_m, arrived)
 
     def _first_steps(self, each: _Robot, pixel: FloatArray, stamp_ns: int, state: CalibrationState) -> MapRoute:
         assert each.sighting is not None

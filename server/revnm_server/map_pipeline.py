@@ -26,7 +26,6 @@ from revnm_server.stage_checks import check_array, timed
 
 logger = logging.getLogger(__name__)
 
-_ARRIVED_M = 0.2
 _DRAWN_EVERY = 6  # points of a way, which are 0.05 m apart
 _FARTHEST_PX = 20_000.0
 _LEAST_DEPTH_M = 0.1
@@ -93,7 +92,7 @@ class MapPipeline:
         )
         if self._keeper is not None:
             self._keeper.offer(frame.size_px, self._calibrator.belief, good=tick.calibration.status == "good")
-        site = self._report(frame, tick, goals)
+        site = self._report(frame, tick)
         seen = tuple(self._last_seen.values())
         return TickResult(plans, seen, normalise_disparity(disparity), {}, timings_ms, site)
 
@@ -139,7 +138,7 @@ class MapPipeline:
             dict.fromkeys(self._senses, self._shape), self._calibrator, SiteMap(size_px, self._hw)
         )
 
-    def _report(self, frame: Frame, tick: NavigatorTick, goals: Mapping[str, GoalPixel]) -> SiteReport:
+    def _report(self, frame: Frame, tick: NavigatorTick) -> SiteReport:
         rejected: dict[str, int] = {}
         for senses in self._senses.values():
             rejected |= senses.rejected
@@ -148,10 +147,7 @@ class MapPipeline:
             calibration=tick.calibration,
             grid=tick.grid,
             places=tick.places,
-            routes={
-                robot: _site_route(route, tick, robot, goals[robot], frame.size_px)
-                for robot, route in tick.routes.items()
-            },
+            routes={robot: _site_route(route, tick.calibration.camera) for robot, route in tick.routes.items()},
             warnings=self._warnings(tick.calibration),
             rejected=rejected,
         )
@@ -163,18 +159,11 @@ class MapPipeline:
         return tuple(text for text in (self._resized, trouble) if text is not None)
 
 
-def _site_route(
-    route: MapRoute, tick: NavigatorTick, robot: str, goal: GoalPixel, size_px: tuple[int, int]
-) -> SiteRoute:
-    camera, place = tick.calibration.camera, tick.places.get(robot)
-    if camera is None or not tick.calibration.leads:
+def _site_route(route: MapRoute, camera: FloorCamera | None) -> SiteRoute:
+    if route.goal_m is None or camera is None:
         return SiteRoute(route.reason)
-    goal_m, valid = camera.on_plane(np.asarray(goal.normalised) * np.array(size_px) - 0.5)
-    if not valid:
-        return SiteRoute(route.reason)
-    arrived = place is not None and float(np.hypot(*(goal_m - place[:2]))) <= _ARRIVED_M
     way_px = way_in_picture(route.way_m, camera) if route.way_m is not None else None
-    return SiteRoute(route.reason, route.way_m, way_px, goal_m, arrived)
+    return SiteRoute(route.reason, route.way_m, way_px, route.goal_m, route.arrived)
 
 
 def way_in_picture(way_m: FloatArray, camera: FloorCamera) -> FloatArray:

@@ -5,6 +5,7 @@ Imports numpy, scipy and OpenCV only.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from revnm_server.way import at_lengths
 _LIKELY = 1.5  # a first way seldom costs more than so many times the straight one
 _GRAPH_EXCESS = 1.1  # and on the graph hardly so many times what it costs once it is smooth
 _SLACK = 1.0
+_BEGINS_M = 0.3  # so far along it is a way's direction at the robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +53,7 @@ class MapPlan:
             standing is as good as any way.
         way_m: (P, 2) the way from the robot to its end, at most 0.05 m between points, metres, frame of the map; None
             with the waypoints.
-        cost: Of the way, in metres of free floor that was just seen; inf without one.
+        cost: Of the way and of turning into it, in metres of free floor that was just seen; inf without one.
         reason: Why the way does not lead to the goal, or why there is none; empty where all is well.
     """
 
@@ -92,8 +94,8 @@ class MapPlanner:
             kept = kept.followed(robot_m, goal_m) if serves else None
         cost = travel_cost(grid, settings.cost)
         closed = impassable(cost, robot_m, goal_m, settings.search)
-        task = Task(cost, closed, robot_m, _LIKELY * float(np.hypot(*(goal_m - robot_m))) + _SLACK)
-        on_way = _option(task, kept.from_robot(robot_m), kept.short_m) if kept else None
+        task = Task(cost, closed, map_from_robot, _LIKELY * float(np.hypot(*(goal_m - robot_m))) + _SLACK)
+        on_way = self._option(task, kept.from_robot(robot_m), kept.short_m) if kept else None
         fresh = kept is not None and 0 <= stamp_ns - kept.searched_ns < settings.period_s * 1e9
         if kept is None or not fresh or (on_way is not None and on_way.blocked):
             kept, on_way = self._renewed(task, goal_m, kept, on_way, goal_id, stamp_ns)
@@ -106,10 +108,10 @@ class MapPlanner:
         """Search, and return the way to keep from now on: the found one or the one that was kept."""
         if kept is None or on_way is None:
             found = self._search.find(task, goal_m)
-            return _taken(found, goal_id, goal_m, stamp_ns), _option(task, found.way_m, found.short_m)
+            return _taken(found, goal_id, goal_m, stamp_ns), self._option(task, found.way_m, found.short_m)
         kept, on_way = self._swerved(task, kept, on_way)
         found = self._search.find(replace(task, likely=_GRAPH_EXCESS * on_way.cost + _SLACK), goal_m)
-        other = _option(task, found.way_m, found.short_m)
+        other = self._option(task, found.way_m, found.short_m)
         leave, defeats = on_way.blocked, 0
         if other is not None:
             leave, defeats = judge(on_way, other, kept.defeats, self._settings.keep)
@@ -124,10 +126,17 @@ class MapPlanner:
         beside = corridor(on_way.way_m, task.cost, keep.corridor_m)
         likely = _GRAPH_EXCESS * on_way.cost + _SLACK
         found = self._search.find(replace(task, closed=task.closed | ~beside, likely=likely), end_m)
-        other = _option(task, found.way_m, kept.short_m + found.short_m)
+        other = self._option(task, found.way_m, kept.short_m + found.short_m)
         if other is None or not swerves(on_way, other, keep):
             return kept, on_way
         return replace(kept, way_m=other.way_m), other
+
+    def _option(self, task: Task, way_m: FloatArray | None, short_m: float) -> Option | None:
+        if way_m is None:
+            return None
+        begins = task.map_from_robot.inverse().apply(at_lengths(way_m, np.array([_BEGINS_M])))[0]
+        turn = self._settings.keep.turn_m_per_rad * abs(math.atan2(begins[1], begins[0]))
+        return Option(way_m, task.cost.of_way(way_m) + turn, short_m, crosses(way_m, task.closed, task.cost))
 
     def _plan(self, kept: KeptWay, on_way: Option | None, map_from_robot: Pose2) -> MapPlan:
         if on_way is None:
@@ -139,9 +148,3 @@ class MapPlanner:
 
 def _taken(found: Found, goal_id: str, goal_m: FloatArray, stamp_ns: int) -> KeptWay:
     return KeptWay(goal_id, goal_m, found.way_m, found.short_m, found.reason, stamp_ns)
-
-
-def _option(task: Task, way_m: FloatArray | None, short_m: float) -> Option | None:
-    if way_m is None:
-        return None
-    return Option(way_m, task.cost.of_way(way_m), short_m, crosses(way_m, task.closed, task.cost))

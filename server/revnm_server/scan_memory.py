@@ -70,20 +70,21 @@ class ScanMemory:
         self._seen_s = np.full(self._grid.shape, -math.inf)
         self._stamp_s = -math.inf
 
-    def update(self, scan: Scan, floor_from_robot: Pose2, stamp_s: float) -> None:
+    def update(self, scan: Scan, floor_from_robot: Pose2, stamp_s: float, *, times: int = 1) -> None:
         """Take a scan.
 
         Args:
             scan: With any number of beams.
             floor_from_robot: Where it was taken, in the frame of the map.
             stamp_s: When, on the clock of the pictures; older ones than the last change no decay.
+            times: For how many equal scans it stands.
         """
         self._decay(stamp_s)
         hit = self._hits(scan, floor_from_robot)
         window, passed = self._passed(scan, floor_from_robot)
         passed &= ~hit[window]
-        self._logit[hit] += np.float32(self._spec.hit_logit)
-        self._logit[window][passed] -= np.float32(self._spec.free_logit)
+        self._logit[hit] += np.float32(times * self._spec.hit_logit)
+        self._logit[window][passed] -= np.float32(times * self._spec.free_logit)
         np.clip(self._logit, -self._spec.most_free_logit, self._spec.most_hit_logit, out=self._logit)
         self._seen_s[hit] = stamp_s
         self._seen_s[window][passed] = stamp_s

@@ -21,7 +21,7 @@ from revnm_server.observation import Image32
 from revnm_server.robot_mask import robot_mask, tag_mask
 from revnm_server.scan_memory import ScanMemory
 
-_SHIFT = 0.01  # of its distance: a place that moves more asks for a new map
+_SHIFT = 0.02  # of its distance: a place that moves more asks for a new map
 _SURER = 0.7  # of its spread: a calibration that is so much surer, too
 _LONGEST_WITHOUT_NS = 2_000_000_000
 _NS_PER_S = 1e9
@@ -77,10 +77,10 @@ class SiteMap:
             self._seen = None
         return True
 
-    def hear_scan(self, scan: Scan, floor_from_robot: Pose2) -> None:
-        """Take a scan that was made at a place."""
+    def hear_scan(self, scan: Scan, floor_from_robot: Pose2, *, times: int = 1) -> None:
+        """Take a scan that was made at a place, and stands for so many."""
         if self._scans is not None:
-            self._scans.update(scan, floor_from_robot, scan.stamp_ns / _NS_PER_S)
+            self._scans.update(scan, floor_from_robot, scan.stamp_ns / _NS_PER_S, times=times)
 
     def see(
         self, stamp_ns: int, disparity: Image32, bodies: tuple[Body, ...], unplaced: Sequence[RobotSighting]

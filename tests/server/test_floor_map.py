@@ -110,7 +110,7 @@ def test_the_mask_covers_the_robot_and_little_more():
 
 
 def test_the_map_has_the_asked_size():
-    grid = drawn(disparity(wall(9.0)), spec=MapSpec(ahead_m=6.0, width_m=4.0))
+    grid = drawn(disparity(wall(9.0)), spec=MapSpec(ahead_m=6.0, behind_m=1.0, width_m=4.0))
     assert grid.obstacle.shape == grid.floor.shape == grid.age_s.shape == (40, 70)
     np.testing.assert_allclose(grid.points_m(np.array([0, 0])), [-0.95, -1.95])
 
