@@ -57,8 +57,9 @@ class GoalSearch:
         if goal_id != self._goal_id or hidden_m <= TRUSTED_M:
             self._goal_id, self._next = goal_id, -1
             self._restart()
-            return goal_m
         target = self._target(goal_m)
+        if hidden_m <= TRUSTED_M:
+            return target
         while target is not None and self._done(math.hypot(*(target - robot_m)), stamp_ns):
             self._next += 1
             self._restart()

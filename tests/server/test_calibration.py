@@ -66,8 +66,9 @@ def test_one_wrong_sighting_changes_nothing():
     assert learner.calibrator.state.event is None
 
 
-def test_a_knock_is_noticed_and_learnt_again():
-    camera, learner, moments = learnt(7, way_m=1.0)
+@pytest.mark.parametrize("way_m", [1.0, 4.0])  # after a long drive the focal length is sure before and after
+def test_a_knock_is_noticed_and_learnt_again(way_m):
+    camera, learner, moments = learnt(7, way_m=way_m)
     rng = np.random.default_rng(70)
     knocked = FloorCamera(
         SIZE_PX, camera.focal_px, camera.pitch_rad + math.radians(5.0), camera.roll_rad, camera.height_m

@@ -168,6 +168,22 @@ def test_a_robot_that_is_out_of_sight_goes_on_by_its_odometry():
     assert tick.routes["rover"].waypoints_m is not None
 
 
+def test_a_hidden_robot_that_stands_beside_its_goal_looks_around_until_it_is_seen():
+    room = calibrated()
+    slipped = Pose2(0.1, -0.6, 0.0)  # which its odometry does not notice
+    room.pose, room.start = slipped @ room.pose, slipped @ room.start
+    reasons = set()
+    for _ in range(300):
+        room.sees = room.distance_to(3.2, 1.6) < 0.4
+        route = room.tick().routes["rover"]
+        reasons.add(route.reason)
+        if route.arrived:
+            break
+    assert route.arrived
+    assert any("looking around" in reason for reason in reasons)
+    assert room.distance_to(3.2, 1.6) < 0.3
+
+
 def test_nothing_is_planned_before_the_robot_was_seen():
     room = Room(Pose2(3.6, 0.2, 2.5), goal_at(5.9, 0.0))
     room.sees = False

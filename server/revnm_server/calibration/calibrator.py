@@ -210,14 +210,15 @@ class Calibrator:
     def _candidates(self, frames: list[Keyframe], prior: Belief) -> list[Estimate]:
         """Return where to search from: what is known, and while that is little, what the newest drive suggests."""
         belief, found = self.belief, list[Estimate]()
+        settled = math.sqrt(belief.covariance[0, 0]) <= _SETTLED
         if self._solution is not None:
             estimate = self._solution.estimate
             errors = dict(zip(self._drives, estimate.drives, strict=True))
             poses = {id(frame): pose for frame, pose in zip(self._placed, estimate.poses, strict=True)}
             found.append(continued(frames, belief.mean, self._size_px, poses=poses, errors=errors))
-        elif self._known:
+        elif self._known or settled:
             found.append(continued(frames, belief.mean, self._size_px))
-        if math.sqrt(belief.covariance[0, 0]) > _SETTLED:
+        if not settled:
             newest = [frame for frame in frames if frame.drive == frames[-1].drive]
             count = _STARTS if self._solution is None else 1
             for start in starts(newest, prior, self._size_px, pixel_px=self._noise.pixel_px, count=count):
