@@ -42,6 +42,11 @@ class FloorGrid:
         """Return the cells (..., 2) as (row, column), middles at integers, of points (..., 2)."""
         return np.asarray((points_m - np.array(self.origin_m))[..., ::-1] / self.cell_m)
 
+    def covers(self, point_m: FloatArray) -> bool:
+        """Tell whether a point (2,) lies in one of the cells."""
+        cell = self.cells(point_m)
+        return bool(np.all((cell >= -0.5) & (cell <= np.array(self.obstacle.shape) - 0.5)))
+
     def points_m(self, cells: FloatArray) -> FloatArray:
         """Return the points (..., 2), metres, of cells (..., 2) as (row, column)."""
         return np.asarray(np.array(self.origin_m) + cells[..., ::-1] * self.cell_m)

@@ -28,7 +28,7 @@ class MapSpec:
 
     Attributes:
         cell_m: Side of a cell.
-        ahead_m: The map covers x up to this.
+        ahead_m: The map covers x up to this: beyond, a picture's rows lie metres apart on the floor.
         behind_m: The map covers x from minus this: robots pass below the camera, too.
         width_m: The map covers y to half of this on both sides.
         floor_logit: Log-odds that a pixel of sure floor takes from its cell.
@@ -42,9 +42,9 @@ class MapSpec:
     """
 
     cell_m: float = 0.1
-    ahead_m: float = 18.0
+    ahead_m: float = 30.0
     behind_m: float = 3.0
-    width_m: float = 20.0
+    width_m: float = 24.0
     floor_logit: float = 0.4
     obstacle_logit: float = 1.2
     most_logit: float = 4.0

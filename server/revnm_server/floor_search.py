@@ -121,8 +121,8 @@ class FloorSearch:
     def _way(self, task: Task, entry: Cell, end_m: FloatArray) -> FloatArray:
         cost, cells = task.cost, self._cells(task, entry)
         # The end cells' middles would be detours from where robot and goal are, unless these are outside.
-        inner = cells[1:-1] if _inside(cost, task.robot_m) else cells[:-1]
-        inner = inner if _inside(cost, end_m) else np.concatenate([inner, cells[-1:]])
+        inner = cells[1:-1] if cost.grid.covers(task.robot_m) else cells[:-1]
+        inner = inner if cost.grid.covers(end_m) else np.concatenate([inner, cells[-1:]])
         points = cost.grid.points_m(inner.astype(np.float64))
         return smooth(np.concatenate([task.robot_m[None], points, end_m[None]]), cost)
 
@@ -191,8 +191,3 @@ def _cell(cost: TravelCost, point_m: FloatArray) -> Cell:
     """Return the cell (row, column) of a point (2,), or of the border nearest to it."""
     row, column = np.clip(np.rint(cost.grid.cells(point_m)), 0, np.array(cost.per_m.shape) - 1)
     return int(row), int(column)
-
-
-def _inside(cost: TravelCost, point_m: FloatArray) -> bool:
-    cells = cost.grid.cells(point_m)
-    return bool(np.all((cells >= -0.5) & (cells <= np.array(cost.per_m.shape) - 0.5)))

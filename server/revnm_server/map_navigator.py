@@ -35,6 +35,7 @@ from revnm_server.tag_plane import TagPlane
 _DRIVES_OF_A_ROBOT = 1_000_000
 _ARRIVED_M = 0.2
 _SEARCHING = "the robot should be at its goal, but the camera does not see it there: looking around"
+_BEYOND = "the robot is beyond the map: it is led straight towards it"
 _BACK_LEAST_M = 0.15
 _BACK_M = 0.4  # a robot that was lost from sight is led back at least so far: nearer is as good as there
 
@@ -249,7 +250,11 @@ class MapNavigator:
         if target_m is None:
             return MapRoute(None, None, "the camera sees the robot nowhere near its goal", goal_m)
         plan = each.planner.plan(grid, place, target_m, goal_id=goal.id, stamp_ns=stamp_ns)
-        reason = _SEARCHING if each.search.searching else plan.reason or self._site.reason
+        reason = plan.reason or self._site.reason
+        if each.search.searching:
+            reason = _SEARCHING
+        elif not grid.covers(np.array(place[:2])):
+            reason = _BEYOND
         arrived = hidden_m <= TRUSTED_M and math.hypot(*(goal_m - place[:2])) <= _ARRIVED_M
         return MapRoute(plan.waypoints_m, plan.way_m, reason, goal_m, arrived)
 

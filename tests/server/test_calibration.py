@@ -37,6 +37,14 @@ def learnt(seed: int, way_m: float = 1.5) -> tuple[FloorCamera, Learner, list[Mo
     return camera, learner, moments
 
 
+def test_a_robot_first_seen_at_the_horizon_does_not_run_away():
+    rng = np.random.default_rng((0, 2, 40))
+    camera, learner = random_camera(rng), Learner(corners=False)
+    learner.see(drive(camera, rng, 4.0)[0])
+    assert np.isfinite(learner.calibrator.belief.covariance).all()
+    assert math.hypot(*learner.place()[:2]) < 200.0
+
+
 def test_it_knows_how_far_it_is():
     rng = np.random.default_rng(3)
     camera, learner = random_camera(rng), Learner()

@@ -12,6 +12,7 @@ from revnm_client.geometry import Pose2
 from revnm_client.messages import STANDSTILL, Odometry
 from revnm_server.calibration.calibrator import Calibrator
 from revnm_server.calibration.keyframes import TagMount
+from revnm_server.floor_map import MapSpec
 from revnm_server.map_navigator import MapNavigator, NavigatorTick, RobotShape
 from revnm_server.site_map import SiteMap
 from revnm_sim.camera import Camera
@@ -45,6 +46,7 @@ class Room:
     pose: Pose2
     goal: Goal
     scans: bool = False
+    spec: MapSpec = field(default_factory=MapSpec)
     camera: Camera = CAMERA
     odom_from_start: Pose2 = ORIGIN
     stamp_ns: int = 0
@@ -54,7 +56,7 @@ class Room:
 
     def __post_init__(self) -> None:
         shape = RobotShape(TagMount(SPEC.tag_m, SPEC.top_m), SPEC.length_m, SPEC.width_m)
-        site = SiteMap(SIZE_PX, HW, scans=self.scans)
+        site = SiteMap(SIZE_PX, HW, self.spec, scans=self.scans)
         self.navigator = MapNavigator({"rover": shape}, Calibrator(SIZE_PX), site)
         self.start = self.pose
         self.rng = np.random.default_rng(0)
@@ -181,6 +183,16 @@ def test_a_hidden_robot_that_stands_beside_its_goal_looks_around_until_it_is_see
             break
     assert route.arrived
     assert any("looking around" in reason for reason in reasons)
+    assert room.distance_to(3.2, 1.6) < 0.3
+
+
+def test_a_robot_beyond_the_map_is_led_to_it_and_told_so():
+    room = calibrated(spec=MapSpec(ahead_m=2.5))
+    route = room.ticks[-1].routes["rover"]
+    assert "beyond the map" in route.reason
+    assert route.waypoints_m is not None
+    for _ in range(60):  # the goal lies beyond it, too: out there the way is straight
+        room.tick()
     assert room.distance_to(3.2, 1.6) < 0.3
 
 

@@ -24,6 +24,7 @@ _STEP = 1e-6  # of numeric derivatives
 _CAUCHY = 2.0  # residuals in standard deviations from which a group begins to count less
 _ENOUGH = 0.02  # gain of a step, in variances, below which the search ends
 _SEEN = 11  # residuals of a sighting: eight of corners, two of the centre, one of the heading
+_PLACE_M = 100.0  # robots stand so near to the camera: what is seen at the horizon does not run away
 _ODOMETRY_M = (0.001, 0.005)  # noise of a stretch: constant, and per metre of way
 _ODOMETRY_RAD = (0.001, 0.003, 0.005)  # constant, per metre of way, per radian of turning
 
@@ -222,7 +223,8 @@ class Adjustment:
         groups = _costs(self._seen_squares(estimate), self._seen_count).sum()
         groups += _costs(np.square(self._motion_residuals(estimate)).sum(axis=-1), np.array(3.0)).sum()
         prior = np.square(self._information @ (estimate.camera - self._prior.mean)).sum()
-        return float(groups + prior + np.square(estimate.drives / self._drive_sigma).sum())
+        places = np.square(estimate.poses[:, :2] / _PLACE_M).sum()
+        return float(groups + prior + places + np.square(estimate.drives / self._drive_sigma).sum())
 
     def _normal(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
         """Return the weighted normal equations: matrix and gradient."""
@@ -265,13 +267,13 @@ class Adjustment:
         return rows.reshape(-1, rows.shape[-1]), (values[0] * root).ravel()
 
     def _prior_rows(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
-        rows = np.zeros((PARAMETERS + estimate.drives.size, self._width(estimate)))
+        drive_sigma = np.tile(self._drive_sigma, self.drive_count)
+        sigma = np.concatenate([drive_sigma, np.tile([_PLACE_M, _PLACE_M, np.inf], len(estimate.poses))])
+        rows = np.diag(np.concatenate([np.zeros(PARAMETERS), 1.0 / sigma]))
         rows[:PARAMETERS, :PARAMETERS] = self._information
-        sigma = np.tile(self._drive_sigma, self.drive_count)
-        each = np.arange(len(sigma))
-        rows[PARAMETERS + each, PARAMETERS + each] = 1.0 / sigma
         camera = self._information @ (estimate.camera - self._prior.mean)
-        return rows, np.concatenate([camera, estimate.drives.ravel() / sigma])
+        others = np.concatenate([estimate.drives.ravel(), estimate.poses.ravel()])
+        return rows, np.concatenate([camera, others / sigma])
 
     def _pose_column(self, frame: NDArray[np.int_], axis: int) -> NDArray[np.int_]:
         return PARAMETERS + 3 * self.drive_count + 3 * frame + axis
