@@ -1,4 +1,5 @@
-# make demo   a robot in a simulated room, driven by clicks: HEADLESS=1 sets the goal itself, SEED=n picks the room
+# make demo   a robot in a simulated room, driven by clicks: HEADLESS=1 sets the goal itself, SEED=n picks the room,
+#             PLANNER=bev drives by the map that the camera learns
 # make check  format, lint, types, architecture
 # make test   all tests but the slow ones
 # make train  makes data and trains the edge models from nothing (an hour and a half), into runs/
@@ -14,7 +15,7 @@ TRAIN := $(BIN)/revnm-train
 .PHONY: demo check format test test-slow train clean
 
 demo: $(VENV)/run.stamp
-	$(BIN)/revnm-sim demo --seed $(SEED) $(if $(HEADLESS),--headless)
+	$(BIN)/revnm-sim demo --seed $(SEED) $(if $(HEADLESS),--headless) $(if $(PLANNER),--planner $(PLANNER))
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .

@@ -19,6 +19,7 @@ _FREE = np.array([196.0, 204.0, 210.0])
 _OBSTACLE = np.array([214.0, 69.0, 61.0])
 _WAY, _GOAL, _ROBOT, _CAMERA = (38, 120, 214), (255, 176, 0), (24, 150, 80), (233, 237, 240)
 _ROBOT_M = 0.25
+_MARGIN_M = 1.0  # around what is known
 _GRID_M = 1.0  # marks on the floor, for the scale
 _MARK = (120, 128, 135)
 _EDGE = (14, 17, 20)
@@ -27,12 +28,12 @@ Picture = NDArray[np.uint8]
 
 
 def map_picture(report: SiteReport) -> Picture:
-    """Return the map as a picture (h, w, 3) uint8, RGB: the camera at the lower edge, looking up.
+    """Return the map as a picture (h, w, 3) uint8, RGB: the camera looks up; as large as what is known, and 1 m more.
 
     Args:
         report: What is known; without a map all is shown as unseen.
     """
-    canvas = _Canvas(report.grid)
+    canvas = _Canvas(report.grid, _marked_m(report))
     for robot, route in report.routes.items():
         if route.way_m is not None and not route.arrived:
             canvas.line(route.way_m, _WAY)
@@ -46,22 +47,34 @@ def map_picture(report: SiteReport) -> Picture:
     return canvas.picture
 
 
+def _marked_m(report: SiteReport) -> FloatArray:
+    """Return the places (N, 2) of the camera, the robots and their goals."""
+    robots = [place[:2] for place in report.places.values()]
+    goals = [route.goal_m for route in report.routes.values() if route.goal_m is not None]
+    return np.array([(0.0, 0.0), *robots, *goals])
+
+
 class _Canvas:
     """A picture of the floor with x up and y to the left."""
 
-    def __init__(self, grid: FloorGrid | None) -> None:
+    def __init__(self, grid: FloorGrid | None, marked_m: FloatArray) -> None:
         spec = MapSpec()
-        self._origin_m, self._cell_m = (
-            (grid.origin_m, grid.cell_m) if grid is not None else (spec.origin_m, spec.cell_m)
-        )
-        rows, columns = grid.obstacle.shape if grid is not None else spec.shape
-        self._shape = columns, rows  # of the picture, in cells: x becomes rows
-        cells = np.empty((rows, columns, 3), np.uint8)
+        origin_m, self._cell_m = (grid.origin_m, grid.cell_m) if grid is not None else (spec.origin_m, spec.cell_m)
+        cells = np.empty((*(grid.obstacle.shape if grid is not None else spec.shape), 3), np.uint8)
         cells[:] = _UNSEEN
+        shown = np.zeros(cells.shape[:2], dtype=np.bool_)
         if grid is not None:
             share = np.square(np.clip(grid.obstacle, 0.0, 1.0))[..., None]  # floor that is a little in doubt is bright
             shown = grid.known & (grid.floor | (grid.obstacle != 0.5))
             cells[shown] = ((1.0 - share) * _FREE + share * _OBSTACLE)[shown].astype(np.uint8)
+        marked = np.rint((marked_m - np.array(origin_m)) / self._cell_m)[:, ::-1]
+        first, last = _bounds(
+            np.concatenate([np.argwhere(shown), marked]), shown.shape, round(_MARGIN_M / self._cell_m)
+        )
+        cells = cells[first[0] : last[0], first[1] : last[1]]
+        rows, columns = cells.shape[:2]
+        self._origin_m = origin_m[0] + self._cell_m * first[1], origin_m[1] + self._cell_m * first[0]
+        self._shape = columns, rows  # of the picture, in cells: x becomes rows
         upright = cells.transpose(1, 0, 2)[::-1, ::-1]  # (columns, rows, 3)
         size_px = (rows * _CELL_PX, columns * _CELL_PX)
         self.picture: Picture = np.asarray(
@@ -110,3 +123,9 @@ class _Canvas:
         u = (rows - 0.5 - cells[..., 1]) * _CELL_PX
         v = (columns - 0.5 - cells[..., 0]) * _CELL_PX
         return np.asarray(np.clip(np.stack([u, v], axis=-1), -1e4, 1e4))
+
+
+def _bounds(cells: FloatArray, shape: tuple[int, int], margin: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the first (row, column) and the one after the last of what encloses cells (N, 2) with a margin."""
+    low, high = cells.min(axis=0) - margin, cells.max(axis=0) + margin + 1
+    return np.clip(low, 0, np.array(shape) - 1).astype(np.intp), np.clip(high, 1, shape).astype(np.intp)

@@ -84,6 +84,7 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--http", metavar="HOST:PORT", help="where the page is (default: 127.0.0.1:8000; headless: a free port)"
     )
+    parser.add_argument("--planner", choices=("revnm", "bev"), help="the server's (default: as it is configured)")
     parser.set_defaults(run=_demo)
 
 
@@ -111,7 +112,7 @@ def _run(arguments: argparse.Namespace) -> int:
 def _demo(arguments: argparse.Namespace) -> int:
     from revnm_sim.demo import DemoSettings, run_demo
 
-    settings = DemoSettings(arguments.seed, arguments.headless, arguments.timeout, arguments.http)
+    settings = DemoSettings(arguments.seed, arguments.headless, arguments.timeout, arguments.http, arguments.planner)
     return run_demo(settings, _stop_on_signals(), lambda line: print(line, flush=True))
 
 

@@ -40,12 +40,14 @@ class DemoSettings:
         headless: Set the goal by HTTP and end on arrival; else a person clicks.
         timeout_s: Headless, how long the drive may take.
         http: HOST:PORT of the page; None for the usual one, or headless a free one.
+        planner: The server's; None for its default.
     """
 
     seed: int
     headless: bool
     timeout_s: float
     http: str | None
+    planner: str | None
 
 
 class Stopped(Exception):  # noqa: N818 - no error: somebody pressed Ctrl-C
@@ -69,7 +71,7 @@ def run_demo(settings: DemoSettings, stop: threading.Event, say: Callable[[str],
     http = settings.http or (_free_address() if settings.headless else _DEFAULT_HTTP)
     say(f"logs: {folder}")
     with Children(folder) as children:
-        _start(children, settings.seed, folder=folder, endpoint=endpoint, http=http)
+        _start(children, settings, folder=folder, endpoint=endpoint, http=http)
         demo = _Demo(children, ServerApi(f"http://{http}"), stop)
         try:
             demo.wait_until_ready()
@@ -85,10 +87,11 @@ def run_demo(settings: DemoSettings, stop: threading.Event, say: Callable[[str],
     return 1 if settings.headless else 0
 
 
-def _start(children: Children, seed: int, *, folder: Path, endpoint: str, http: str) -> None:
+def _start(children: Children, settings: DemoSettings, *, folder: Path, endpoint: str, http: str) -> None:
     server = ["serve", "--camera", f"zenoh://{CAMERA}", "--listen", endpoint, "--http", http]
     server += ["--robot", f"{ROBOT}={TAG_ID}", "--state-file", str(folder / "state.json")]
-    simulator = ["run", "--seed", str(seed), "--robot", ROBOT, "--camera", CAMERA, "--connect", endpoint]
+    server += ["--planner", settings.planner] if settings.planner else []
+    simulator = ["run", "--seed", str(settings.seed), "--robot", ROBOT, "--camera", CAMERA, "--connect", endpoint]
     robot = ["run", "--robot", ROBOT, "--connect", endpoint]
     children.start("server", "revnm_server.cli", server, env=_CHILD_ENV)
     children.start("robot", "revnm_client.cli", robot, env=_CHILD_ENV)

@@ -15,10 +15,12 @@ from revnm_client.errors import ConfigError
 from revnm_sim.bench.protocol import draw_setting
 from revnm_sim.bench.report import table, write_report
 from revnm_sim.lift_faults import CALIBRATIONS, DEPTHS, NETWORK
+from revnm_sim.lift_figure import Example, draw_examples
 from revnm_sim.lift_network import DepthNetwork
-from revnm_sim.lift_trial import Outcome, drive, views
+from revnm_sim.lift_trial import Outcome, View, drive, views
 from revnm_sim.worlds import WORLDS
 
+Case = tuple[str, str]  # names of a calibration's and a depth's fault
 _DEFAULT_CASES = (
     "exact/exact,focal_height_3pct/exact,pitch_1deg/exact,roll_1deg/exact,all/exact,all_untold/exact,"
     "exact/blur,exact/mild,exact/strong,exact/network,all/network,exact/noise_only"
@@ -40,27 +42,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--pairs", type=int, default=10, help="ways driven in each world (default: 10)")
     parser.add_argument("--seed", type=int, default=5000, help="of pairs, cameras and errors (default: 5000)")
-    parser.add_argument("--out", type=Path, required=True, help="folder for report.json")
+    parser.add_argument("--out", type=Path, required=True, help="folder for report.json and maps.png")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, write the report and print its table."""
+    """Measure, write the report and a picture, and print the table."""
     cases = _cases(args.case)
     if args.seed < 0 or args.pairs < 1:
         raise ConfigError(f"--seed {args.seed} --pairs {args.pairs}: expected at least 0 and 1")
     args.out.mkdir(parents=True, exist_ok=True)
-    rows = [
-        row
-        for world in dict.fromkeys(args.world.split(","))
-        for row in _world_rows(world, cases, args.pairs, args.seed)
-    ]
+    rows, examples = list[dict[str, Any]](), list[Example]()
+    for world in dict.fromkeys(args.world.split(",")):
+        seen, outcomes = _drives(world, cases, args.pairs, args.seed)
+        rows += [_row(world, case, outcome) for case, outcome in outcomes.items()]
+        examples += _example(world, seen, outcomes)
     options = ["--world", args.world, "--case", args.case, "--pairs", str(args.pairs), "--seed", str(args.seed)]
     write_report(args.out / "report.json", rows, shlex.join(["revnm-sim", "lift", *options]))
+    if examples:
+        draw_examples(examples, args.out / "maps.png")
     print(table(rows))
     return 0
 
 
-def _cases(text: str) -> list[tuple[str, str]]:
+def _cases(text: str) -> list[Case]:
     """Return the names of calibration and depth of every case.
 
     Raises:
@@ -77,25 +81,33 @@ def _cases(text: str) -> list[tuple[str, str]]:
     return found
 
 
-def _world_rows(world: str, cases: Sequence[tuple[str, str]], pairs: int, seed: int) -> list[dict[str, Any]]:
+def _drives(world: str, cases: Sequence[Case], pairs: int, seed: int) -> tuple[list[View], Mapping[Case, Outcome]]:
+    """Return all places, and what each case made of them."""
     network = DepthNetwork() if any(depth == NETWORK for _, depth in cases) else None
-    outcomes: Mapping[tuple[str, str], Outcome] = {case: Outcome() for case in cases}
+    outcomes: Mapping[Case, Outcome] = {case: Outcome() for case in cases}
+    places = list[View]()
     for pair in tqdm(range(pairs), desc=world, unit="way"):
         setting = draw_setting(world, seed=seed, pair=pair, cameras=1, rule="any")
         exact = views(setting)
         seen = exact if network is None else network.see(setting, exact)
-        for case, total in outcomes.items():
+        places += exact
+        for (calibration, depth), outcome in outcomes.items():
             rng = np.random.default_rng([seed, pair, 4])
-            new = drive(
-                seen if case[1] == NETWORK else exact, setting.cameras[0], CALIBRATIONS[case[0]], DEPTHS[case[1]], rng
-            )
-            total.scores += new.scores
-            total.refused += new.refused
-            total.times_ms += new.times_ms
-    return [_row(world, case, total) for case, total in outcomes.items()]
+            shown = seen if depth == NETWORK else exact
+            outcome.add(drive(shown, setting.cameras[0], CALIBRATIONS[calibration], DEPTHS[depth], rng))
+    return places, outcomes
 
 
-def _row(world: str, case: tuple[str, str], outcome: Outcome) -> dict[str, Any]:
+def _example(world: str, places: Sequence[View], outcomes: Mapping[Case, Outcome]) -> list[Example]:
+    """Return the place with the most obstacles in sight, if there is any place."""
+    if not places:
+        return []
+    number = int(np.argmax([np.sum(view.truth.occupied & view.truth.visible) for view in places]))
+    windows = {"/".join(case): outcome.windows[number] for case, outcome in outcomes.items()}
+    return [Example(world, places[number], windows)]
+
+
+def _row(world: str, case: Case, outcome: Outcome) -> dict[str, Any]:
     """Return one flat object; shares without cells, and times without pictures, are None."""
     scores = outcome.scores
     times = np.percentile(outcome.times_ms, (50.0, 95.0)).round(2).tolist() if outcome.times_ms else [None, None]

@@ -31,7 +31,7 @@ HW = (192, 256)
 _POSES = 10
 _INTERVAL_S = 0.5
 _FINE_M = 0.02
-_WINDOW = WindowSpec()
+WINDOW = WindowSpec()
 
 
 @dataclass(slots=True)
@@ -42,11 +42,20 @@ class Outcome:
         scores: One a picture that became a map.
         refused: Why the others did not.
         times_ms: Memory, lift and drawing together, one a picture.
+        windows: The first two layers (2, side, side) of every place's window; None for those that were refused.
     """
 
     scores: list[Score] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
     times_ms: list[float] = field(default_factory=list)
+    windows: list[Image32 | None] = field(default_factory=list)
+
+    def add(self, other: Outcome) -> None:
+        """Take another drive in."""
+        self.scores += other.scores
+        self.refused += other.refused
+        self.times_ms += other.times_ms
+        self.windows += other.windows
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +82,7 @@ def views(setting: Setting) -> list[View]:
     for pose in _poses(setting):
         if tag_seen(arrays, camera, np.array([pose[:2]]), robot)[0]:
             seen = overlay_depth(depth, camera, robot_primitive(pose, robot))
-            truth = true_window(arrays, fine, camera, pose, HW, _WINDOW)
+            truth = true_window(arrays, fine, camera, pose, HW, WINDOW)
             found.append(View(pose, disparity_from_depth(seen), truth))
     return found
 
@@ -98,10 +107,12 @@ def drive(
         lifted = lifter.lift(remembered.disparity, remembered.usable)
         if isinstance(lifted, NoFloor):
             outcome.refused.append(lifted.reason)
+            outcome.windows.append(None)
             continue
         grid = mapper.draw(lifted, remembered.age_s, (body,))
         outcome.times_ms.append(1e3 * (time.perf_counter() - begin))
-        window = map_window(grid, body.floor_from_robot, np.zeros(2), spec=_WINDOW)
+        window = map_window(grid, body.floor_from_robot, np.zeros(2), spec=WINDOW)
+        outcome.windows.append(window.layers[:2].copy())
         outcome.scores.append(score(place.truth, window.layers[0], window.layers[1]))
     return outcome
 

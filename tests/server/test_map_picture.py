@@ -51,5 +51,14 @@ def test_robot_way_and_goal_are_drawn_where_they_are() -> None:
     assert at(plain, 2.1, 0.5)[1] > at(plain, 2.1, 0.5)[0] + 50  # the robot is green
 
 
+def test_what_is_far_from_all_that_is_known_is_cut_off() -> None:
+    age = np.full((80, 60), np.inf, np.float32)
+    age[38:42, 18:24] = 0.0
+    obstacle = np.full((80, 60), 0.02, np.float32)
+    picture = map_picture(report(FloorGrid((0.0, -4.0), 0.1, obstacle, obstacle < 0.5, age)))
+    # 1 m below row 38 and over the robot's row 45; from the camera's column 0 to 1 m beyond column 23.
+    assert picture.shape == (34 * CELL_PX, 28 * CELL_PX, 3)
+
+
 def test_without_a_map_all_is_unseen() -> None:
     assert np.median(map_picture(report(None))) < 60

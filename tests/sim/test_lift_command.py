@@ -6,6 +6,7 @@ import json
 import math
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -85,6 +86,8 @@ def test_the_command_writes_rows_that_meet_the_bars(tmp_path: Path, capsys: pyte
     assert noise["maps"] == 0
     assert noise["refused"] == exact["maps"] > 0
     assert "obstacle_recall" in capsys.readouterr().out
+    picture = cv2.imread(str(tmp_path / "maps.png"))
+    assert picture.shape[1] > picture.shape[0]  # disparity, truth and two cases, one row
 
 
 def test_an_unknown_case_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
