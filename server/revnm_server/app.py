@@ -28,11 +28,12 @@ from revnm_server.calibration.keyframes import TagMount
 from revnm_server.camera import open_camera
 from revnm_server.depth import OnnxDepth
 from revnm_server.exo2ego import OnnxExo2Ego
+from revnm_server.map_driver import MapDriver
 from revnm_server.map_navigator import RobotShape
 from revnm_server.map_pipeline import MapPipeline
 from revnm_server.mission import Mission
 from revnm_server.pipeline import Pipeline
-from revnm_server.policy import OnnxPolicy
+from revnm_server.policy import OnnxPolicy, OnnxWayPolicy
 from revnm_server.ports import Senses
 from revnm_server.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
@@ -90,7 +91,7 @@ def build_pipeline(bundle: Bundle, settings: PerceptionSettings, robots: Mapping
 
 
 def build_map_pipeline(
-    bundle: DepthBundle,
+    bundle: Bundle | DepthBundle,
     settings: PerceptionSettings,
     robots: Mapping[str, int],
     senses: Mapping[str, Senses],
@@ -100,20 +101,25 @@ def build_map_pipeline(
     """Return the pipeline that plans on the map.
 
     Args:
-        bundle: The depth network.
-        settings: How to run it, and what robots look like.
+        bundle: The depth network, and perhaps a policy that sees the map.
+        settings: How to run them, and what robots look like.
         robots: Tag id of each robot.
         senses: What each robot measures itself.
         camera: Name of the camera, under which its calibration is kept.
     """
     folder = settings.calibration_dir
     mount = TagMount(settings.tag_size_m, settings.tag_height_m)
+    driver = None
+    if isinstance(bundle, Bundle):
+        policy = OnnxWayPolicy(bundle)
+        driver = MapDriver(bundle.spec, exo2ego=OnnxExo2Ego(bundle), policy=policy, tag_height_m=mount.height_m)
     return MapPipeline(
         depth=OnnxDepth(bundle),
         disparity_hw=bundle.spec.disparity_hw,
         tags=_tag_detector(robots),
         senses=senses,
         shape=RobotShape(mount, settings.robot_length_m, settings.robot_width_m),
+        driver=driver,
         keeper=CalibrationKeeper(folder, camera) if folder is not None else None,
         max_sighting_age_s=settings.max_sighting_age_s,
     )
@@ -165,7 +171,7 @@ def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[s
 def _pipeline(
     models: Bundle | DepthBundle, settings: Settings, session: zenoh.Session, stack: ExitStack
 ) -> Pipeline | MapPipeline:
-    if isinstance(models, Bundle):
+    if isinstance(models, Bundle) and models.sees == "picture":
         return build_pipeline(models, settings.perception, settings.robots)
     senses = {robot: RobotSenses(session, robot) for robot in settings.robots}
     for each in senses.values():

@@ -10,14 +10,16 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.errors import ContractError, FileError
+from revnm_server.ego_prior import PRIOR_CHANNELS
 from revnm_server.inference import OnnxModel, Shape
-from revnm_server.manifest import Manifest, PerChannel, PolicySection, read_manifest
+from revnm_server.manifest import Manifest, ModelSection, PerChannel, read_manifest
+from revnm_server.map_window import LAYERS, WAY_POINTS, WindowSpec
 from revnm_server.observation import ObservationSpec
 
 
@@ -43,10 +45,14 @@ class Exo2EgoConfig:
     Attributes:
         model: One call of the denoiser.
         steps: How many DDIM steps a sample takes.
+        prior: Whether it sees the exo depth reprojected.
+        noise: Whether it diffuses; else it is called once on zeros.
     """
 
     model: OnnxModel
     steps: int
+    prior: bool
+    noise: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +66,7 @@ class Bundle:
         depth: The depth network.
         exo2ego: The exo2ego denoiser.
         policy: The policy's model.
+        sees: Whether the policy sees the camera's picture or the lifted map.
         manifest: The manifest, for people.
     """
 
@@ -69,6 +76,7 @@ class Bundle:
     depth: DepthConfig
     exo2ego: Exo2EgoConfig
     policy: OnnxModel
+    sees: Literal["picture", "map"]
     manifest: dict[str, Any]
 
 
@@ -111,15 +119,21 @@ def load_bundle(folder: Path, *, threads: int = 2) -> Bundle:
     depth, exo2ego, policy = (
         OnnxModel(folder / section.file, threads=threads) for section in (models.depth, models.exo2ego, models.policy)
     )
-    for model, contract in ((depth, _depth(spec)), (exo2ego, _exo2ego(spec)), (policy, _policy(spec))):
+    policy_contract = _map_policy(spec) if models.policy.sees == "map" else _policy(spec)
+    for model, contract in (
+        (depth, _depth(spec)),
+        (exo2ego, _exo2ego(spec, prior=models.exo2ego.prior)),
+        (policy, policy_contract),
+    ):
         _check_model(model, *contract)
     return Bundle(
         folder=folder,
         name=manifest.name,
         spec=spec,
         depth=DepthConfig(depth, models.depth.mean, models.depth.std),
-        exo2ego=Exo2EgoConfig(exo2ego, models.exo2ego.steps),
+        exo2ego=Exo2EgoConfig(exo2ego, models.exo2ego.steps, models.exo2ego.prior, models.exo2ego.noise),
         policy=policy,
+        sees=models.policy.sees,
         manifest=manifest.model_dump(mode="json"),
     )
 
@@ -161,7 +175,7 @@ def file_sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _sections(manifest: Manifest) -> tuple[PolicySection, PolicySection, PolicySection]:
+def _sections(manifest: Manifest) -> tuple[ModelSection, ModelSection, ModelSection]:
     models = manifest.models
     return models.policy, models.exo2ego, models.depth
 
@@ -190,10 +204,13 @@ def _depth(spec: ObservationSpec) -> Contract:
     return {"image": (1, 3, height, width)}, {"disparity": (1, height, width)}
 
 
-def _exo2ego(spec: ObservationSpec) -> Contract:
+def _exo2ego(spec: ObservationSpec, *, prior: bool) -> Contract:
     ego = (None, 1, spec.ego_px, spec.ego_px)
     crop = (None, spec.history, spec.crop_px, spec.crop_px)
-    return {"noisy": ego, "crop": crop, "step": (None,), "robot": (None, 2), "heading": (None, 2)}, {"clean": ego}
+    inputs: dict[str, Shape] = {"noisy": ego, "crop": crop, "step": (None,), "robot": (None, 2), "heading": (None, 2)}
+    if prior:
+        inputs["prior"] = (None, PRIOR_CHANNELS, spec.ego_px, spec.ego_px)
+    return inputs, {"clean": ego}
 
 
 def _policy(spec: ObservationSpec) -> Contract:
@@ -207,6 +224,17 @@ def _policy(spec: ObservationSpec) -> Contract:
         "goal": (None, 2),
     }
     return inputs, {"waypoints": (None, spec.waypoints, 2)}
+
+
+def _map_policy(spec: ObservationSpec) -> Contract:
+    side = WindowSpec().side
+    inputs: dict[str, Shape] = {
+        "map": (None, len(LAYERS), side, side),
+        "way": (None, WAY_POINTS, 2),
+        "goal": (None, 2),
+        "ego": (None, 1, spec.ego_px, spec.ego_px),
+    }
+    return inputs, {"waypoints": (None, spec.waypoints, 2), "occupied": (None, side, side)}
 
 
 def _check_model(model: OnnxModel, inputs: dict[str, Shape], outputs: dict[str, Shape]) -> None:

@@ -94,11 +94,13 @@ def ddim_sample(denoise: Denoiser, noise: Image32, schedule: DdimSchedule) -> Im
     return clean.astype(np.float32)
 
 
-def start_noise(ego_px: int) -> Image32:
-    """Return the standard normal noise (ego_px, ego_px) that every sampling starts from.
+def start_image(ego_px: int, *, noise: bool) -> Image32:
+    """Return what every sampling starts from, (ego_px, ego_px): standard normal noise, or zeros for a regression.
 
     One fixed noise: the same scene gives the same depth, whatever the tick and the other robots.
     """
+    if not noise:
+        return np.zeros((ego_px, ego_px), dtype=np.float32)
     generator = np.random.default_rng(_NOISE_SEED)
     return generator.standard_normal((ego_px, ego_px), dtype=np.float32)
 
@@ -107,24 +109,28 @@ class OnnxExo2Ego:
     """Exo2ego by a bundle's denoiser, one batch over all robots."""
 
     def __init__(self, bundle: Bundle) -> None:
-        """Take the denoiser and the step count from the bundle."""
-        self._model = bundle.exo2ego.model
-        self._schedule = ddim_schedule(bundle.exo2ego.steps)
-        self._noise = start_noise(bundle.spec.ego_px)
+        """Take the denoiser and how it is sampled from the bundle."""
+        config = bundle.exo2ego
+        self._model, self._prior = config.model, config.prior
+        self._schedule = ddim_schedule(config.steps)
+        self._start = start_image(bundle.spec.ego_px, noise=config.noise)
 
     def synthesise(self, requests: Sequence[EgoRequest]) -> Image32:
         """Return ego depth (R, ego_px, ego_px) in [−1, 1], one per request; R may be 0."""
         count = len(requests)
-        noise = np.tile(self._noise, (count, 1, 1, 1)).reshape(count, 1, *self._noise.shape)  # (R, 1, px, px)
+        start = np.tile(self._start, (count, 1, 1, 1)).reshape(count, 1, *self._start.shape)  # (R, 1, px, px)
         if count == 0:
-            return noise[:, 0]
-        crops = np.stack([request.crops for request in requests]).astype(np.float32)  # (R, N, c, c)
-        robot = np.stack([request.pose.p_rob for request in requests]).astype(np.float32)  # (R, 2)
-        heading = np.stack([request.pose.q_rel for request in requests]).astype(np.float32)  # (R, 2)
+            return start[:, 0]
+        seen = {
+            "crop": np.stack([request.crops for request in requests]).astype(np.float32),  # (R, N, c, c)
+            "robot": np.stack([request.pose.p_rob for request in requests]).astype(np.float32),  # (R, 2)
+            "heading": np.stack([request.pose.q_rel for request in requests]).astype(np.float32),  # (R, 2)
+        }
+        if self._prior:
+            priors = [request.prior for request in requests if request.prior is not None]
+            seen["prior"] = np.stack(priors).astype(np.float32)  # (R, 2, px, px)
 
         def denoise(noisy: Image32, step: int) -> Image32:
-            steps = np.full(count, step, dtype=np.int64)
-            out = self._model.run(noisy=noisy, crop=crops, step=steps, robot=robot, heading=heading)
-            return out["clean"]
+            return self._model.run(noisy=noisy, step=np.full(count, step, dtype=np.int64), **seen)["clean"]
 
-        return ddim_sample(denoise, noise, self._schedule)[:, 0]
+        return ddim_sample(denoise, start, self._schedule)[:, 0]

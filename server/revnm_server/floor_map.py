@@ -116,7 +116,7 @@ class FloorMapper:
         age = np.where(count > 0, age_sum / np.maximum(count, 1), floor_age).astype(np.float32)
         grid = FloorGrid(spec.origin_m, spec.cell_m, np.maximum(probability, spread), floor, age)
         for body in bodies:
-            _remove(grid, body)
+            take_out(grid, body)
         return grid
 
     def _floor(self, lifted: Lifted, age_s: NDArray[np.float32]) -> tuple[_BoolGrid, FloatArray, FloatArray]:
@@ -180,8 +180,8 @@ def _probability(logit: FloatArray) -> NDArray[np.float32]:
     return np.asarray(1.0 / (1.0 + np.exp(-logit.astype(np.float32))), dtype=np.float32)
 
 
-def _remove(grid: FloorGrid, body: Body) -> None:
-    """Turn the floor under a robot into free floor: it stands there."""
+def take_out(grid: FloorGrid, body: Body) -> None:
+    """Turn the floor under a robot into free floor, in place: it stands there."""
     half = 0.5 * np.array([body.length_m, body.width_m]) + 0.5 * grid.cell_m
     rows, columns = grid.obstacle.shape
     reach = float(np.hypot(*half)) / grid.cell_m

@@ -7,10 +7,10 @@ onnxruntime, so that training needs none.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
 
 from revnm_client.errors import FileError
 from revnm_server.observation import ObservationSpec
@@ -51,21 +51,32 @@ class ObservationSection(_Section):
         return ObservationSpec(**self.model_dump())
 
 
-class PolicySection(_Section):
-    """The policy's file."""
+class ModelSection(_Section):
+    """A model's file."""
 
     file: FileName
     sha256: Sha256
 
 
-class Exo2EgoSection(PolicySection):
-    """The denoiser's file and how it is sampled."""
+class PolicySection(ModelSection):
+    """The policy's file, and whether it sees the camera's picture, as in the paper, or the lifted map."""
+
+    sees: Literal["picture", "map"]
+
+
+class Exo2EgoSection(ModelSection):
+    """The denoiser's file, how it is sampled, and whether it sees the exo depth reprojected.
+
+    Without ``noise`` it is a plain regression, called once on zeros.
+    """
 
     steps: int = Field(ge=1, le=1000)
     schedule: Literal["cosine"]
+    prior: bool
+    noise: bool
 
 
-class DepthSection(PolicySection):
+class DepthSection(ModelSection):
     """The depth network's file, what it gives, and how its input is normalised."""
 
     kind: Literal["disparity"]
@@ -84,13 +95,21 @@ class ModelsSection(_Section):
 class Manifest(_Section):
     """``manifest.json`` of a bundle; ``recipe``, ``data`` and ``results`` are for people."""
 
-    format: Literal[1]
+    format: Literal[2]
     name: str = Field(min_length=1, max_length=64)
     observation: ObservationSection
     models: ModelsSection
     recipe: dict[str, Any]
     data: dict[str, Any]
     results: dict[str, Any]
+
+    @model_validator(mode="after")
+    def _prior_needs_a_map(self) -> Self:
+        if self.models.exo2ego.prior and self.models.policy.sees != "map":
+            raise ValueError("models.exo2ego.prior: needs a policy that sees the map")
+        if self.models.policy.sees == "map" and self.observation.history != 1:
+            raise ValueError("observation.history: a policy that sees the map has a history of 1")
+        return self
 
 
 def read_manifest(folder: Path) -> Manifest:

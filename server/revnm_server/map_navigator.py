@@ -69,6 +69,7 @@ class MapRoute:
         reason: Why there is no plan, or what is provisional about it; empty where all is well.
         goal_m: (2,) the goal on the floor, the camera's floor frame; None where it is not known.
         arrived: The robot's middle is at the goal, and the camera has just seen it.
+        aim_m: (2,) where the way should lead to: the goal, or where to look for it; None without a way.
     """
 
     waypoints_m: FloatArray | None
@@ -76,6 +77,7 @@ class MapRoute:
     reason: str
     goal_m: FloatArray | None = None
     arrived: bool = False
+    aim_m: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,14 +251,15 @@ class MapNavigator:
         target_m = each.search.target_m(goal.id, goal_m, np.array(place[:2]), hidden_m=hidden_m, stamp_ns=stamp_ns)
         if target_m is None:
             return MapRoute(None, None, "the camera sees the robot nowhere near its goal", goal_m)
-        plan = each.planner.plan(grid, place, target_m, goal_id=goal.id, stamp_ns=stamp_ns)
+        believed = self._site.believed_grid(grid)
+        plan = each.planner.plan(believed, place, target_m, goal_id=goal.id, stamp_ns=stamp_ns)
         reason = plan.reason or self._site.reason
         if each.search.searching:
             reason = _SEARCHING
         elif not grid.covers(np.array(place[:2])):
             reason = _BEYOND
         arrived = hidden_m <= TRUSTED_M and math.hypot(*(goal_m - place[:2])) <= _ARRIVED_M
-        return MapRoute(plan.waypoints_m, plan.way_m, reason, goal_m, arrived)
+        return MapRoute(plan.waypoints_m, plan.way_m, reason, goal_m, arrived, target_m)
 
     def _first_steps(self, each: _Robot, pixel: FloatArray, stamp_ns: int, state: CalibrationState) -> MapRoute:
         assert each.sighting is not None

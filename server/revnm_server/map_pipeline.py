@@ -1,13 +1,14 @@
-"""The server's tick without a policy: picture → depth, tags → map of the floor → a way for each robot.
+"""The server's tick over the map: picture → depth, tags → map of the floor → a way for each robot → its policy's word.
 
-Stands in the place of :class:`revnm_server.pipeline.Pipeline`. What it knows of the camera it has learnt from the
-robots' odometry, and the robots' scans correct its map.
+Stands in the place of :class:`revnm_server.pipeline.Pipeline`; without a policy the ways are driven as they are. What
+it knows of the camera it has learnt from the robots' odometry, and the robots' scans correct its map.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from revnm_server.calibration.calibrator import CalibrationState, Calibrator
 from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.frame import Frame, RobotSighting
+from revnm_server.map_driver import MapDriver
 from revnm_server.map_navigator import MapNavigator, MapRoute, NavigatorTick, RobotShape
 from revnm_server.observation import Image32, normalise_disparity
 from revnm_server.pipeline import RobotPlan, TickResult
@@ -43,6 +45,7 @@ class MapPipeline:
         tags: SightingSource,
         senses: Mapping[str, Senses],
         shape: RobotShape,
+        driver: MapDriver | None = None,
         keeper: CalibrationKeeper | None = None,
         max_sighting_age_s: float = 1.0,
     ) -> None:
@@ -54,16 +57,18 @@ class MapPipeline:
             tags: Sees where robots are.
             senses: By robot, what it measures itself.
             shape: Of each robot.
+            driver: Corrects the ways; None drives them as they are.
             keeper: Keeps the calibration over a restart; None keeps nothing.
             max_sighting_age_s: For how long the last sighting of a hidden robot is shown.
         """
         self._depth, self._hw, self._tags = depth, disparity_hw, tags
-        self._senses, self._shape, self._keeper = senses, shape, keeper
+        self._senses, self._shape, self._keeper, self._driver = senses, shape, keeper, driver
         self._max_sighting_age_s = max_sighting_age_s
         self._size_px: tuple[int, int] | None = None
         self._resized: str | None = None
         self._calibrator: Calibrator
         self._navigator: MapNavigator
+        self._site: SiteMap
         self._last_seen: dict[str, RobotSighting] = {}
 
     def step(self, frame: Frame, goals: Mapping[str, GoalPixel]) -> TickResult:
@@ -85,6 +90,10 @@ class MapPipeline:
                 sightings = self._see_robots(frame)
             with timed(timings_ms, "map"):
                 tick = self._navigate(frame, disparity, sightings, goals)
+            egos: dict[str, Image32] = {}
+            if self._driver is not None:
+                routes, egos = self._driver.refine(tick, self._site, disparity, frame.stamp_ns, timings_ms)
+                tick = replace(tick, routes=routes)
         plans = tuple(
             RobotPlan(robot, route.waypoints_m, frame.stamp_ns, goals[robot].id)
             for robot, route in tick.routes.items()
@@ -94,7 +103,7 @@ class MapPipeline:
             self._keeper.offer(frame.size_px, self._calibrator.belief, good=tick.calibration.status == "good")
         site = self._report(frame, tick)
         seen = tuple(self._last_seen.values())
-        return TickResult(plans, seen, normalise_disparity(disparity), {}, timings_ms, site)
+        return TickResult(plans, seen, normalise_disparity(disparity), egos, timings_ms, site)
 
     def close(self) -> None:
         """Keep what was learnt of the camera."""
@@ -134,9 +143,8 @@ class MapPipeline:
         self._size_px = size_px
         kept = self._keeper.load(size_px) if self._keeper is not None else None
         self._calibrator = Calibrator(size_px, kept=kept)
-        self._navigator = MapNavigator(
-            dict.fromkeys(self._senses, self._shape), self._calibrator, SiteMap(size_px, self._hw)
-        )
+        self._site = SiteMap(size_px, self._hw)
+        self._navigator = MapNavigator(dict.fromkeys(self._senses, self._shape), self._calibrator, self._site)
 
     def _report(self, frame: Frame, tick: NavigatorTick) -> SiteReport:
         rejected: dict[str, int] = {}

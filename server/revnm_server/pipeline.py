@@ -63,8 +63,8 @@ class TickResult:
         sightings: Every robot that was seen recently, goal or not; ``stamp_ns`` says when.
         disparity: (h, w) in [0, 1], the whole picture.
         ego_depths: (ego_px, ego_px) in [−1, 1] of each robot that got a plan.
-        timings_ms: Duration of the stages ``depth``, ``tag``, ``exo2ego``, ``policy``, and of the ``tick``; ``map``
-            stands for the last two where plans are made on the map.
+        timings_ms: Duration of the stages ``depth``, ``tag``, ``exo2ego``, ``policy``, and of the ``tick``; where plans
+            are made on the map, ``map`` comes before the policy, or stands in its place.
         site: What the camera has learnt of itself and of the place; None where no map is made.
     """
 

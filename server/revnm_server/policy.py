@@ -1,4 +1,4 @@
-"""The navigation policy of the paper (section III-B): waypoints from disparity, ego depth, pose and goal."""
+"""The navigation policies: the paper's (section III-B), from disparity, ego depth, pose and goal; and the map's."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from revnm_server.observation import Image32
 
 if TYPE_CHECKING:
     from revnm_server.bundle import Bundle
-    from revnm_server.ports import PlanRequest
+    from revnm_server.ports import PlanRequest, WayRequest
 
 
 class OnnxPolicy:
@@ -39,3 +39,21 @@ class OnnxPolicy:
             goal=batch(lambda request: request.goal),  # (R, 2)
         )
         return np.asarray(outputs["waypoints"], dtype=np.float64)
+
+
+class OnnxWayPolicy:
+    """A bundle's policy that sees the map, one batch over all robots; see :class:`revnm_server.ports.WayPolicy`."""
+
+    def __init__(self, bundle: Bundle) -> None:
+        """Take the network from the bundle."""
+        self._model = bundle.policy
+
+    def correct(self, requests: Sequence[WayRequest]) -> tuple[FloatArray, Image32]:
+        """Return waypoints (R, H, 2), metres, robot frame, and what stands around, (R, side, side); R is at least 1."""
+        outputs = self._model.run(
+            map=np.stack([request.window for request in requests]),
+            way=np.stack([request.way for request in requests]).astype(np.float32),
+            goal=np.stack([request.goal for request in requests]).astype(np.float32),
+            ego=np.stack([request.ego for request in requests])[:, None],
+        )
+        return np.asarray(outputs["waypoints"], dtype=np.float64), outputs["occupied"]

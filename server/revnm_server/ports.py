@@ -38,12 +38,14 @@ class EgoRequest:
         stamp_ns: Capture time of the newest picture, nanoseconds, server's clock.
         pose: Where the robot is in the picture.
         crops: (N, crop_px, crop_px) in [0, 1], oldest first, all cut around ``pose``.
+        prior: (2, ego_px, ego_px) of :func:`revnm_server.ego_prior.ego_prior`; None where there is no map.
     """
 
     robot: str
     stamp_ns: int
     pose: ImagePose
     crops: Image32
+    prior: Image32 | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +70,23 @@ class PlanRequest:
     goal: FloatArray
     goal_id: str
     exo: Image32
+    ego: Image32
+
+
+@dataclass(frozen=True, slots=True)
+class WayRequest:
+    """One robot's input to a policy that sees the map.
+
+    Attributes:
+        window: (4, side, side) of :func:`revnm_server.map_window.map_window`.
+        way: (P, 2) points of the planner's way, robot frame, metres.
+        goal: (2,) robot frame, metres.
+        ego: (ego_px, ego_px) in [−1, 1], what the robot would see.
+    """
+
+    window: Image32
+    way: FloatArray
+    goal: FloatArray
     ego: Image32
 
 
@@ -121,4 +140,15 @@ class Planner(Protocol):
 
     def waypoints(self, requests: Sequence[PlanRequest]) -> FloatArray:
         """Return (R, H, 2), metres, in each robot's frame at its sighting's stamp; R may be 0."""
+        ...
+
+
+class WayPolicy(Protocol):
+    """Corrects the planner's ways."""
+
+    def correct(self, requests: Sequence[WayRequest]) -> tuple[FloatArray, Image32]:
+        """Return waypoints (R, H, 2), metres, robot frame, and what it believes to stand around, (R, side, side).
+
+        The latter are probabilities. R is at least 1.
+        """
         ...

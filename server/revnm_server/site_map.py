@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from revnm_server.floor_grid import FloorGrid
 from revnm_server.floor_map import Body, FloorMapper, MapSpec
 from revnm_server.floor_view import floor_view
 from revnm_server.frame import RobotSighting
-from revnm_server.lift import FloorLifter, NoFloor
+from revnm_server.lift import FloorLifter, Lifted, NoFloor
+from revnm_server.map_window import onto_grid
 from revnm_server.observation import Image32
 from revnm_server.robot_mask import robot_mask, tag_mask
 from revnm_server.scan_memory import ScanMemory
@@ -25,6 +27,7 @@ _SHIFT = 0.02  # of its distance: a place that moves more asks for a new map
 _SURER = 0.7  # of its spread: a calibration that is so much surer, too
 _LONGEST_WITHOUT_NS = 2_000_000_000
 _NS_PER_S = 1e9
+_LARGEST_BELIEF = np.float32(0.9)  # less than what the planner calls sure: nothing is shut that nobody has seen
 
 
 class SiteMap:
@@ -38,7 +41,10 @@ class SiteMap:
         *,
         scans: bool = True,
     ) -> None:
-        """Begin with nothing; :attr:`reason` says why pictures do not enter the map, empty where they do.
+        """Begin with nothing.
+
+        :attr:`reason` says why pictures do not enter the map, empty where they do; :attr:`lifted` is the last one that
+        did.
 
         Args:
             size_px: Width and height of the camera's picture.
@@ -48,6 +54,7 @@ class SiteMap:
         """
         self.size_px = size_px
         self.reason = "no calibration yet"
+        self.lifted: Lifted | None = None
         self._hw, self._spec = disparity_hw, spec or MapSpec()
         self._memory = DisparityMemory(disparity_hw)
         self._scans = ScanMemory(self._spec) if scans else None
@@ -56,6 +63,7 @@ class SiteMap:
         self._event: str | None = None
         self._seen: FloorGrid | None = None
         self._seen_ns = 0
+        self._believed: Image32 | None = None
 
     def recalibrate(self, state: CalibrationState) -> bool:
         """Take a calibration; return whether it changed the map's frame, so that scans must be placed again.
@@ -70,6 +78,7 @@ class SiteMap:
         self._camera, self._spread_m, self._event = state.camera, state.spread_2_m, state.event
         self._view = floor_view(state.camera, self._hw, state.covariance)
         self._lifter, self._mapper = FloorLifter(self._view), FloorMapper(self._view, self._spec)
+        self._believed = None
         if self._scans is not None:
             self._scans.forget()
         if jumped:
@@ -103,8 +112,28 @@ class SiteMap:
         if isinstance(lifted, NoFloor):
             self.reason = lifted.reason
             return
-        self.reason = ""
+        self.reason, self.lifted = "", lifted
         self._seen, self._seen_ns = self._mapper.draw(lifted, remembered.age_s, bodies), stamp_ns
+
+    def believe(self, window: Image32, floor_from_robot: Pose2) -> None:
+        """Take what a policy believes to stand around a robot, (side, side) probabilities, for floor that is not known.
+
+        It is kept where no newer belief lies on it, until the map's frame changes.
+        """
+        drawn = onto_grid(window, self._blank(), floor_from_robot)
+        self._believed = drawn if self._believed is None else np.where(np.isnan(drawn), self._believed, drawn)
+
+    def believed_grid(self, grid: FloorGrid) -> FloorGrid:
+        """Return a map with beliefs in the cells of which nothing is known; none of them is sure of an obstacle."""
+        if self._believed is None:
+            return grid
+        believed = ~grid.known & np.isfinite(self._believed)
+        obstacle = np.where(believed, np.minimum(self._believed, _LARGEST_BELIEF), grid.obstacle)
+        return replace(grid, obstacle=obstacle.astype(np.float32))
+
+    def scans_alone(self) -> Image32 | None:
+        """Return the probability (Ny, Nx) of obstacles by the scans alone; None where they do not go into the map."""
+        return None if self._scans is None else self._scans.probability
 
     def grid(self, stamp_ns: int) -> FloorGrid | None:
         """Return the map as of a time.

@@ -35,7 +35,8 @@ class CostSettings:
         cuts: Probabilities, rising, all over 0.5 (which means "nothing known").
         shares: How much of an obstacle's cost each cut brings; they sum to 1.
         sure: From this probability on a cell is an obstacle that no way may cross.
-        unseen: Price of a metre of floor that was not seen.
+        unseen: Price of a metre of floor that was not seen and of which nothing is believed, too; it falls to 1 with
+            the belief that nothing stands there.
         aged: Price added to a metre of floor that was seen long ago.
         aging_s: Time after which 63 % of that is added.
     """
@@ -90,7 +91,9 @@ class TravelCost:
 def travel_cost(grid: FloorGrid, settings: CostSettings) -> TravelCost:
     """Return what driving over each cell costs."""
     age = 1.0 - np.exp(-grid.age_s / settings.aging_s)
-    per_m = np.where(grid.floor, 1.0 + settings.aged * age, settings.unseen).astype(np.float32)
+    doubt = np.minimum(2.0 * grid.obstacle, 1.0)  # 1 where nothing is known
+    unseen = 1.0 + (settings.unseen - 1.0) * doubt
+    per_m = np.where(grid.floor, 1.0 + settings.aged * age, unseen).astype(np.float32)
     for cut, share in zip(settings.cuts, settings.shares, strict=True):
         stands = grid.obstacle >= cut
         if not stands.any():

@@ -1,7 +1,7 @@
 """Halls with rows of shelves: aisles, gaps in the rows, dead ends. Made by seed; imports numpy only.
 
-Every row has an opening, at one of its ends or in it, so every aisle can be reached. For choosing between models:
-neither training nor the reported evaluation uses this family.
+Every row has an opening, at one of its ends or in it, so every aisle can be reached. Evaluation seeds are for choosing
+between models: the reported evaluation does not use this family.
 """
 
 from __future__ import annotations

@@ -111,9 +111,9 @@ def drive(
             continue
         grid = mapper.draw(lifted, remembered.age_s, (body,))
         outcome.times_ms.append(1e3 * (time.perf_counter() - begin))
-        window = map_window(grid, body.floor_from_robot, np.zeros(2), spec=WINDOW)
-        outcome.windows.append(window.layers[:2].copy())
-        outcome.scores.append(score(place.truth, window.layers[0], window.layers[1]))
+        window = map_window(grid, body.floor_from_robot, spec=WINDOW)
+        outcome.windows.append(window[:2].copy())
+        outcome.scores.append(score(place.truth, window[0], window[1]))
     return outcome
 
 

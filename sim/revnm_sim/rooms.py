@@ -1,7 +1,7 @@
 """Flats: rooms behind low walls with doors, and slits that one sees through but does not fit through.
 
 Made by seed; imports numpy only. Every wall has a door and no wall ends in front of another's door, so every room can
-be reached. For choosing between models: neither training nor the reported evaluation uses this family.
+be reached. Evaluation seeds are for choosing between models: the reported evaluation does not use this family.
 """
 
 from __future__ import annotations
@@ -85,7 +85,8 @@ def _split(rng: Rng, builder: RoomBuilder, room: _Room, doors: list[_Door]) -> l
     else:
         return []
     frame = Pose2(at, start, math.pi / 2.0) if across_x else Pose2(start, at, 0.0)
-    pieces, openings = _wall(rng, stop - start)
+    doors_here = 2 if stop - start > 5.0 and rng.random() < _SECOND_DOOR_SHARE else 1
+    pieces, openings = wall_with_openings(rng, stop - start, doors=doors_here, slits=3)
     builder.stand(pieces, frame, rng.uniform(*_WALL_HEIGHT_M))
     doors += [_Door(at, start + along) if across_x else _Door(start + along, at) for along in openings]
     if across_x:
@@ -98,19 +99,37 @@ def _clear(end: _Door, door: _Door) -> bool:
     return math.hypot(end.x_m - door.x_m, end.y_m - door.y_m) > _DOOR_M[1] / 2.0 + _DOOR_MARGIN_M
 
 
-def _wall(rng: Rng, length_m: float) -> tuple[list[Part], list[float]]:
-    """Draw a wall along x from the origin with one or two doors and up to two slits.
+def wall_with_openings(
+    rng: Rng,
+    length_m: float,
+    *,
+    doors: int,
+    slits: int,
+    door_m: tuple[float, float] = _DOOR_M,
+    thick_m: tuple[float, float] = (0.1, 0.2),
+) -> tuple[list[Part], list[float]]:
+    """Draw a wall along x from the origin with doors and slits.
+
+    Args:
+        rng: Decides the draws.
+        length_m: Of the wall.
+        doors: Openings to drive through.
+        slits: There are fewer openings than this that one only sees through.
+        door_m: Least and greatest width of a door.
+        thick_m: Least and greatest thickness.
 
     Returns:
         Its pieces, and where the middles of the doors are along it.
     """
-    doors = 2 if length_m > 5.0 and rng.random() < _SECOND_DOOR_SHARE else 1
-    widths = [*(rng.uniform(*_DOOR_M) for _ in range(doors)), *(rng.uniform(*_SLIT_M) for _ in range(rng.integers(3)))]
+    widths = [
+        *(rng.uniform(*door_m) for _ in range(doors)),
+        *(rng.uniform(*_SLIT_M) for _ in range(rng.integers(slits))),
+    ]
     order = rng.permutation(len(widths))
     # Share out what is left over between the openings and at the ends, 0.3 m everywhere at least.
     spare = length_m - sum(widths) - _DOOR_MARGIN_M * (len(widths) + 1)
     solid = _DOOR_MARGIN_M + spare * rng.dirichlet(np.ones(len(widths) + 1))
-    thick = float(rng.uniform(0.1, 0.2))
+    thick = float(rng.uniform(*thick_m))
     pieces, middles, edge = [], [], 0.0
     for length, i in zip(solid, order, strict=False):
         pieces.append(Part(Shape.BOX, edge + length / 2.0, 0.0, 0.0, float(length), thick))

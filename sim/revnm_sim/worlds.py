@@ -12,11 +12,12 @@ from revnm_sim.aisles import aisles
 from revnm_sim.generator import demo_room, random_pillar
 from revnm_sim.rooms import rooms
 from revnm_sim.site import Site
+from revnm_sim.slits import slits
 from revnm_sim.world import World
 from revnm_sim.world_file import load_site
 
 _GENERATED: Mapping[str, Callable[[int], World]] = MappingProxyType(
-    {"random_pillar": random_pillar, "demo_room": demo_room, "aisles": aisles, "rooms": rooms}
+    {"random_pillar": random_pillar, "demo_room": demo_room, "slits": slits, "aisles": aisles, "rooms": rooms}
 )
 _SCENES = ("bookstore", "warehouse")
 WORLDS = (*_GENERATED, *_SCENES)
@@ -34,7 +35,7 @@ def named_site(name_or_path: str, seed: int) -> Site:
         FileError: The world file cannot be read or is malformed.
     """
     if is_generated(name_or_path):
-        return Site(_GENERATED[name_or_path](seed), f"world {name_or_path}, seed {seed}")
+        return Site(generated_world(name_or_path, seed), f"world {name_or_path}, seed {seed}")
     if name_or_path in _SCENES:
         return load_site(Path(__file__).parent / "scenes" / f"{name_or_path}.yaml")
     if os.sep in name_or_path or name_or_path.endswith((".yaml", ".yml")):
@@ -42,6 +43,15 @@ def named_site(name_or_path: str, seed: int) -> Site:
     raise ConfigError(
         f"no world is named {name_or_path!r}: expected one of {', '.join(sorted(WORLDS))}, or a path to a .yaml file"
     )
+
+
+def generated_world(family: str, seed: int) -> World:
+    """Return a world of a family for which :func:`is_generated` holds.
+
+    Raises:
+        ConfigError: The seed is negative.
+    """
+    return _GENERATED[family](seed)
 
 
 def is_generated(name: str) -> bool:

@@ -17,6 +17,7 @@ from revnm_server.settings import load_settings
 
 from .free_port import free_port
 from .service_parts import CameraFeed
+from .tiny_bundle import write_tiny_bundle
 from .waiting import eventually
 
 
@@ -59,6 +60,14 @@ def test_the_map_planner_runs_where_it_is_asked_for(tiny_bundle: Path) -> None:
     assert shown["camera"]["calibration"] == calibration
     assert shown["warnings"] == []
     assert {"rover/odom", "rover/scan"} <= set(shown["rejected"])
+
+
+def test_a_policy_that_sees_the_map_gets_one(tmp_path: Path) -> None:
+    with states(write_tiny_bundle(tmp_path / "tiny", sees="map")) as state:
+        shown = eventually(state)
+    assert set(shown["timings_ms"]) == {"depth", "tag", "map", "tick"}  # no robot has a goal
+    assert shown["camera"]["calibration"]["status"] == "unknown"
+    assert shown["warnings"] == []
 
 
 @pytest.mark.parametrize("missing", ["policy.onnx", "exo2ego.onnx"])

@@ -43,6 +43,30 @@ def test_a_complete_bundle_loads(tiny_bundle: Path) -> None:
     assert bundle.manifest["models"]["depth"]["kind"] == "disparity"
 
 
+def test_a_bundle_may_have_a_policy_that_sees_the_map(tmp_path: Path) -> None:
+    bundle = load_bundle(write_tiny_bundle(tmp_path / "m", sees="map"))
+    assert bundle.sees == "map"
+    assert bundle.exo2ego.prior
+    assert set(bundle.policy.inputs) == {"map", "way", "goal", "ego"}
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (lambda m: m["models"]["policy"].update(sees="sound"), r"models\.policy\.sees"),
+        (lambda m: m["observation"].update(history=5), "a policy that sees the map has a history of 1"),
+        (lambda m: m["models"]["policy"].update(sees="picture"), "needs a policy that sees the map"),
+    ],
+)
+def test_what_the_policy_sees_must_fit_the_rest(
+    tmp_path: Path, change: Callable[[dict[str, Any]], None], complaint: str
+) -> None:
+    folder = write_tiny_bundle(tmp_path / "m", sees="map")
+    _edit(folder, change)
+    with pytest.raises(FileError, match=complaint):
+        load_bundle(folder)
+
+
 def test_sha256_of_a_known_text(tmp_path: Path) -> None:
     # FIPS 180-2, appendix B.1
     path = tmp_path / "abc"
@@ -137,7 +161,7 @@ def test_the_wrong_model_under_a_name_is_refused(tiny_bundle: Path) -> None:
         (lambda m: m["models"]["depth"].update(std=[1.0, 0.0, 1.0]), r"models\.depth\.std"),
         (lambda m: m["models"]["policy"].update(file="../policy.onnx"), r"models\.policy\.file"),
         (lambda m: m["models"]["exo2ego"].update(schedule="linear"), r"models\.exo2ego\.schedule"),
-        (lambda m: m.update(format=2), "format"),
+        (lambda m: m.update(format=1), "format"),
     ],
 )
 def test_a_wrong_key_is_named(tiny_bundle: Path, change: Callable[[dict[str, Any]], None], message: str) -> None:

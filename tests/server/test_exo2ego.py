@@ -14,7 +14,7 @@ from revnm_server.exo2ego import (
     cosine_alpha_bar,
     ddim_sample,
     ddim_schedule,
-    start_noise,
+    start_image,
 )
 from revnm_server.observation import Image32, ImagePose
 from revnm_server.ports import EgoRequest
@@ -98,10 +98,11 @@ def test_a_network_that_knows_the_truth_gives_it_at_any_step_count(count: int) -
     np.testing.assert_array_equal(ddim_sample(denoise, noise, ddim_schedule(count)), truth)
 
 
-def test_start_noise_is_standard_normal_and_always_the_same() -> None:
-    noise = start_noise(32)
+def test_the_start_is_standard_normal_and_always_the_same() -> None:
+    noise = start_image(32, noise=True)
     assert noise.shape == (32, 32)
-    np.testing.assert_array_equal(noise, start_noise(32))
+    np.testing.assert_array_equal(noise, start_image(32, noise=True))
+    assert not start_image(32, noise=False).any()
     assert abs(noise.mean()) < 0.1
     assert noise.std() == pytest.approx(1.0, abs=0.1)
 

@@ -9,7 +9,7 @@ import pytest
 
 from revnm_client.geometry import Pose2
 from revnm_server.floor_grid import FloorGrid
-from revnm_server.map_window import LAYERS, WindowSpec, map_window, window_points_m
+from revnm_server.map_window import LAYERS, WindowSpec, map_window, onto_grid, window_points_m
 
 
 def grid() -> FloorGrid:
@@ -27,16 +27,13 @@ def grid() -> FloorGrid:
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2.0, -2.2])
 def test_a_place_appears_where_the_robot_has_it(yaw):
     pose = Pose2(4.0, 0.0, yaw)
-    window = map_window(grid(), pose, np.array([5.05, 1.05]))
+    window = map_window(grid(), pose)
     x, y = pose.inverse().apply(np.array([5.05, 1.05]))
     row, column = round(47.5 - x / 0.1), round(47.5 - y / 0.1)
-    assert window.layers.shape == (5, 96, 96)
-    assert window.layers.dtype == np.float32
-    layers = dict(zip(LAYERS, window.layers[:, row, column], strict=True))
-    expected = {"obstacle": 0.9, "floor": 1.0, "unseen": 0.0, "age": 0.1, "lidar": 0.5}
-    assert layers == pytest.approx(expected, abs=1e-6)
-    assert window.goal_distance_m == pytest.approx(math.hypot(1.05, 1.05))
-    np.testing.assert_allclose(window.goal_direction * window.goal_distance_m, [x, y])
+    assert window.shape == (4, 96, 96)
+    assert window.dtype == np.float32
+    layers = dict(zip(LAYERS, window[:, row, column], strict=True))
+    assert layers == pytest.approx({"obstacle": 0.9, "floor": 1.0, "unseen": 0.0, "lidar": 0.5}, abs=1e-6)
 
 
 def test_points_say_the_same():
@@ -44,15 +41,23 @@ def test_points_say_the_same():
     np.testing.assert_allclose(points[0, 0], [4.75, 4.75])  # farthest ahead, farthest left
     np.testing.assert_allclose(points[95, 0], [-4.75, 4.75])
     pose = Pose2(4.0, 0.0, 0.7)
-    window = map_window(grid(), pose, np.zeros(2))
-    centre = (points * window.layers[0][..., None] * (window.layers[1] > 0.5)[..., None]).sum(axis=(0, 1))
-    centre /= (window.layers[0] * (window.layers[1] > 0.5)).sum()
+    obstacle, floor = map_window(grid(), pose)[:2]
+    centre = (points * obstacle[..., None] * (floor > 0.5)[..., None]).sum(axis=(0, 1))
+    centre /= (obstacle * (floor > 0.5)).sum()
     np.testing.assert_allclose(pose.apply(centre), [5.05, 1.05], atol=0.03)
 
 
-def test_off_the_map_nothing_is_known_and_a_goal_underfoot_has_a_direction():
-    window = map_window(grid(), Pose2(-30.0, 0.0, 0.0), np.array([-30.0, 0.0]))
-    np.testing.assert_allclose(window.layers.reshape(5, -1).min(axis=1), [0.5, 0.0, 1.0, 1.0, 0.5])
-    np.testing.assert_allclose(window.layers.reshape(5, -1).max(axis=1), [0.5, 0.0, 1.0, 1.0, 0.5])
-    np.testing.assert_array_equal(window.goal_direction, [1.0, 0.0])
-    assert window.goal_distance_m == 0.0
+def test_off_the_map_nothing_is_known():
+    window = map_window(grid(), Pose2(-30.0, 0.0, 0.0)).reshape(4, -1)
+    np.testing.assert_allclose(window.min(axis=1), [0.5, 0.0, 1.0, 0.5])
+    np.testing.assert_allclose(window.max(axis=1), [0.5, 0.0, 1.0, 0.5])
+
+
+@pytest.mark.parametrize(("pose", "share"), [(Pose2(7.0, 0.0, 0.7), 1.0), (Pose2(0.0, -9.0, 0.0), 0.25)])
+def test_what_is_cut_out_is_drawn_back_onto_the_same_places(pose, share):
+    window = map_window(grid(), pose)[0]
+    drawn = onto_grid(window, grid(), pose)
+    inside = np.isfinite(drawn)
+    assert inside.sum() == pytest.approx(share * 9.5**2 / 0.1**2, rel=0.03)  # the corner's lies outside but a quarter
+    expected = grid().obstacle[inside]
+    assert np.abs(drawn[inside] - expected).mean() < 0.002  # twice interpolated, but at the block's rim

@@ -18,10 +18,12 @@ DISPARITY_HW = (24, 32)
 EXO_HW = (12, 16)
 WAYPOINTS = 5
 SPACING_M = 0.3
+MAP_SPACING_M = 0.4
 Steer = Literal["ahead", "goal"]
+Sees = Literal["picture", "map"]
 
 
-def write_tiny_bundle(folder: Path, *, steer: Steer = "goal", history: int = 1) -> Path:
+def write_tiny_bundle(folder: Path, *, steer: Steer = "goal", history: int = 1, sees: Sees = "picture") -> Path:
     """Write a bundle into a new or empty folder and return the folder.
 
     Depth: the brightness of the picture is the disparity. Exo2ego: the ego depth is the newest crop. Policy:
@@ -32,23 +34,26 @@ def write_tiny_bundle(folder: Path, *, steer: Steer = "goal", history: int = 1) 
         folder: Where to write.
         steer: ``"ahead"`` or ``"goal"``.
         history: N, frames of history, 0.2 s apart.
+        sees: With ``"map"``, the policy drives the planner's way as it is, and believes nothing; waypoints are 0.4 m
+            apart, and ``steer`` does not matter.
     """
     folder.mkdir(parents=True, exist_ok=True)
     onnx.save(depth_model(), folder / "depth.onnx")
-    onnx.save(exo2ego_model(history), folder / "exo2ego.onnx")
-    onnx.save(policy_model(history, steer=steer), folder / "policy.onnx")
-    (folder / MANIFEST).write_text(json.dumps(manifest(folder, history), indent=1))
+    onnx.save(exo2ego_model(history, prior=sees == "map"), folder / "exo2ego.onnx")
+    policy = way_policy_model() if sees == "map" else policy_model(history, steer=steer)
+    onnx.save(policy, folder / "policy.onnx")
+    (folder / MANIFEST).write_text(json.dumps(manifest(folder, history, sees), indent=1))
     return folder
 
 
-def manifest(folder: Path, history: int) -> dict[str, Any]:
+def manifest(folder: Path, history: int, sees: Sees = "picture") -> dict[str, Any]:
     """Return the manifest of the models that lie in the folder."""
 
     def model(name: str, **more: Any) -> dict[str, Any]:
         return {"file": f"{name}.onnx", "sha256": file_sha256(folder / f"{name}.onnx"), **more}
 
     return {
-        "format": 1,
+        "format": 2,
         "name": "tiny",
         "observation": {
             "history": history,
@@ -63,11 +68,11 @@ def manifest(folder: Path, history: int) -> dict[str, Any]:
             "ego_height_m": 0.3,
             "ego_range_m": 5.0,
             "waypoints": WAYPOINTS,
-            "spacing_m": SPACING_M,
+            "spacing_m": MAP_SPACING_M if sees == "map" else SPACING_M,
         },
         "models": {
-            "policy": model("policy"),
-            "exo2ego": model("exo2ego", steps=2, schedule="cosine"),
+            "policy": model("policy", sees=sees),
+            "exo2ego": model("exo2ego", steps=2, schedule="cosine", prior=sees == "map", noise=True),
             "depth": model("depth", kind="disparity", mean=[0.0, 0.0, 0.0], std=[1.0, 1.0, 1.0]),
         },
         "recipe": {},
@@ -86,9 +91,10 @@ def depth_model() -> onnx.ModelProto:
     )
 
 
-def exo2ego_model(history: int) -> onnx.ModelProto:
-    """``clean`` is the newest of ``crop``, mapped to [−1, 1]."""
+def exo2ego_model(history: int, *, prior: bool = False) -> onnx.ModelProto:
+    """``clean`` is the newest of ``crop``, mapped to [−1, 1]; a prior is taken and not looked at."""
     ego = ("R", 1, EGO_PX, EGO_PX)
+    more: dict[str, tuple[int | str, ...]] = {"prior": ("R", 2, EGO_PX, EGO_PX)} if prior else {}
     return _model(
         [
             helper.make_node("Gather", ["crop", "newest"], ["last"], axis=1),
@@ -101,6 +107,7 @@ def exo2ego_model(history: int) -> onnx.ModelProto:
             "step": ("R",),
             "robot": ("R", 2),
             "heading": ("R", 2),
+            **more,
         },
         {"clean": ego},
         newest=np.array([history - 1]),
@@ -149,6 +156,26 @@ def policy_model(history: int, *, steer: Steer) -> onnx.ModelProto:
         straight=np.array([0.0 if follows else 1.0, 0.0], dtype=np.float32),
         least=np.float32(1e-6),
         distances=(SPACING_M * np.arange(1, WAYPOINTS + 1, dtype=np.float32))[:, None],
+    )
+
+
+def way_policy_model() -> onnx.ModelProto:
+    """``waypoints`` are the first of ``way``; ``occupied`` is a half everywhere."""
+    nodes = [
+        helper.make_node("Slice", ["way", "first", "stop", "axis"], ["waypoints"]),
+        helper.make_node("ReduceMean", ["map"], ["mean"], axes=[1], keepdims=0),
+        helper.make_node("Mul", ["mean", "nothing"], ["flat"]),
+        helper.make_node("Add", ["flat", "half"], ["occupied"]),
+    ]
+    return _model(
+        nodes,
+        {"map": ("R", 4, 96, 96), "way": ("R", 12, 2), "goal": ("R", 2), "ego": ("R", 1, EGO_PX, EGO_PX)},
+        {"waypoints": ("R", WAYPOINTS, 2), "occupied": ("R", 96, 96)},
+        first=np.array([0]),
+        stop=np.array([WAYPOINTS]),
+        axis=np.array([1]),
+        nothing=np.float32(0.0),
+        half=np.float32(0.5),
     )
 
 

@@ -215,6 +215,16 @@ def test_revnm_drives_where_the_policy_of_the_bundle_points(tmp_path: Path, perc
     assert without_times(drive(scenario(yaw_rad=0.5), key)) == without_times(result)
 
 
+def test_a_policy_that_sees_the_map_and_changes_nothing_drives_as_the_planner(tmp_path: Path) -> None:
+    bundle = write_tiny_bundle(tmp_path / "tiny", sees="map")
+    by_planner = run_trial(replace(KEY, method="bev"))
+    by_policy = run_trial(replace(KEY, method="revnm", bundle=str(bundle)))
+    assert by_planner.success
+    assert by_policy.success
+    assert by_policy.path_m == pytest.approx(by_planner.path_m, rel=0.05)
+    assert by_policy.path_m < 1.2 * by_policy.expert_m
+
+
 def test_a_robot_that_was_never_seen_gets_no_plan_and_is_late(tmp_path: Path) -> None:
     roof = Primitive(Shape.BOX, (-1.0, 0.0, 1.5), (1.0, 1.0, 0.1), 0.0, GREY)
     bundle = write_tiny_bundle(tmp_path / "tiny", steer="ahead")

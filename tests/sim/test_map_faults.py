@@ -17,7 +17,7 @@ from revnm_sim.bench import trial
 from revnm_sim.bench.methods import MethodContext
 from revnm_sim.bench.methods.bev import BevMethod
 from revnm_sim.bench.methods.pose import ROBOT, NoisySightings
-from revnm_sim.bench.methods.revnm import PixelGoal, TrueDisparity
+from revnm_sim.bench.methods.truth import PixelGoal, TrueDisparity
 from revnm_sim.bench.trial import TrialKey, run_trial
 
 S = 1_000_000_000

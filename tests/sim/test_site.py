@@ -171,7 +171,7 @@ def test_worlds_have_names() -> None:
     assert (site.where, site.file_sha256) == ("world random_pillar, seed 3", "")
     assert is_generated("demo_room")
     assert not is_generated("bookstore")
-    assert set(WORLDS) == {"aisles", "bookstore", "demo_room", "random_pillar", "rooms", "warehouse"}
+    assert set(WORLDS) == {"aisles", "bookstore", "demo_room", "random_pillar", "rooms", "slits", "warehouse"}
 
 
 def test_unknown_names_and_paths_are_refused(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from revnm_client.errors import ConfigError, FileError
+from revnm_client.errors import ConfigError, ContractError, FileError
 from revnm_client.geometry import Pose2
 from revnm_sim.expert import INSCRIBED_M, Expert
 from revnm_sim.generator import TRAINING_SEED_BASE
@@ -23,7 +23,7 @@ LAYOUT = EpisodeLayout(history=2, history_interval_s=0.5, waypoints=5, spacing_m
 
 
 def config(out: Path = Path(), **changes) -> SynthConfig:
-    return replace(SynthConfig(out, episodes=3, goals=2, states=8, seed=7, layout=LAYOUT), **changes)
+    return replace(SynthConfig(out, episodes=3, goals=2, states=8, seed=7, hidden=False, layout=LAYOUT), **changes)
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +49,28 @@ def test_reading_gives_back_what_was_written(path, episode) -> None:
             episode.world_seed,
             episode.camera,
         )
-        for name in ("goals_m", "goal", "kind", "poses", "waypoints_m"):
-            np.testing.assert_array_equal(getattr(read, name), getattr(episode, name))
+        for name, kept_to in (("goals_m", 0.0), ("goal", 0.0), ("kind", 0.0), ("poses", 5e-4), ("waypoints_m", 5e-4)):
+            np.testing.assert_allclose(getattr(read, name), getattr(episode, name), rtol=0.0, atol=kept_to + 1e-6)
             assert getattr(read, name).dtype == getattr(episode, name).dtype
+
+
+def test_an_episode_takes_less_than_a_kilobyte(tmp_path) -> None:
+    made = [make_episode(config(states=10, layout=replace(LAYOUT, history=1)), number) for number in range(20)]
+    kept = [episode for episode in made if episode is not None]
+    write_episodes(tmp_path / "c.parquet", kept, replace(LAYOUT, history=1))
+    assert sum(len(episode.goal) for episode in kept) > 19 * len(kept)
+    assert (tmp_path / "c.parquet").stat().st_size < 1000 * len(kept)
+
+
+def test_headings_are_kept_over_the_jump_of_the_circle_and_far_places_are_refused(tmp_path, episode) -> None:
+    turning = episode.poses.copy()
+    turning[:, :, 2] = np.array([3.13, -3.13])  # through π, and not the long way round
+    write_episodes(tmp_path / "t.parquet", [replace(episode, poses=turning)], LAYOUT)
+    yaw = read_episodes(tmp_path / "t.parquet")[1][0].poses[..., 2]
+    np.testing.assert_allclose(np.cos(yaw), np.cos(turning[..., 2]), atol=1e-6)
+    assert np.abs(np.diff(yaw, axis=1)).max() < 0.03
+    with pytest.raises(ContractError, match="too far"):
+        write_episodes(tmp_path / "f.parquet", [replace(episode, poses=turning + 40.0)], LAYOUT)
 
 
 def test_a_truncated_file_is_refused_by_name(path) -> None:
@@ -78,10 +97,10 @@ def test_a_missing_file_is_refused_by_name(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("metadata", "complaint"),
     [
-        (b'{"format": 2}', "format 1 expected, got 2"),
+        (b'{"format": 1}', "format 2 expected, got 1"),
         (b"{}", "got None"),
         (b"[]", "malformed"),
-        (b'{"format": 1, "history": 1}', "malformed"),
+        (b'{"format": 2, "history": 1}', "malformed"),
         (b"{", "malformed"),
     ],
 )
@@ -94,7 +113,7 @@ def test_other_formats_and_versions_are_refused(path, metadata, complaint) -> No
 
 def test_foreign_parquet_is_refused(tmp_path) -> None:
     pq.write_table(pa.table({"x": [1]}), tmp_path / "x.parquet")
-    with pytest.raises(FileError, match="format 1 expected, got None"):
+    with pytest.raises(FileError, match="format 2 expected, got None"):
         read_episodes(tmp_path / "x.parquet")
 
 
@@ -102,7 +121,7 @@ def test_foreign_parquet_is_refused(tmp_path) -> None:
     ("change", "complaint"),
     [
         ({"poses": lambda e: e.poses[:-1]}, "row 0: poses: 90 numbers do not fill"),
-        ({"waypoints_m": lambda e: np.full_like(e.waypoints_m, np.nan)}, "waypoints_m: a number is not finite"),
+        ({"goals_m": lambda e: np.full_like(e.goals_m, np.nan)}, "goals_m: a number is not finite"),
         ({"goal": lambda e: e.goal + np.uint8(9)}, "goal: 10 of only 2 goals"),
         ({"goal": lambda e: e.goal[:0]}, "without states"),
         ({"camera": lambda e: replace(e.camera, hfov_rad=4.0)}, "impossible size or field of view"),

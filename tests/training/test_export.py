@@ -11,41 +11,44 @@ import torch
 from revnm_client.errors import FileError
 from revnm_server.bundle import load_bundle
 from revnm_training.checkpoint import Checkpoint, save_checkpoint
-from revnm_training.export import PolicyGraph, export_bundle, graphs
+from revnm_training.export import MapPolicyGraph, PolicyGraph, export_bundle, graphs
 from revnm_training.preset import Preset, load_preset
 
 
-@pytest.fixture(scope="module")
-def edge() -> Preset:
+@pytest.fixture(scope="module", params=["edge", "picture"])
+def preset(request: pytest.FixtureRequest) -> Preset:
     torch.manual_seed(0)
-    return load_preset("edge")
+    return load_preset(request.param)
 
 
 @pytest.fixture(scope="module")
-def checkpoints(edge: Preset, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def checkpoints(preset: Preset, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("checkpoints")
     paths = {}
-    for kind, graph in graphs(edge).items():
-        network = graph.network.policy if isinstance(graph.network, PolicyGraph) else graph.network
+    for kind, graph in graphs(preset).items():
+        wrapped = isinstance(graph.network, PolicyGraph | MapPolicyGraph)
+        network = graph.network.policy if wrapped else graph.network
         for parameter in network.parameters():
             torch.nn.init.normal_(parameter, std=0.05)  # zero-initialised layers would hide differences
         record = {"seconds": 1.0, "samples": 2, "validation": {"loss": 0.5}}
-        checkpoint = Checkpoint(kind, edge.name, 1, 1, 0, {}, network.state_dict(), {}, record)
+        checkpoint = Checkpoint(kind, preset.name, 1, 1, 0, {}, network.state_dict(), {}, record)
         paths[kind] = folder / f"{kind}.pt"
         save_checkpoint(paths[kind], checkpoint)
     return paths
 
 
 def test_onnx_equals_torch_and_the_server_loads_the_bundle(
-    edge: Preset, checkpoints: dict[str, Path], tmp_path: Path
+    preset: Preset, checkpoints: dict[str, Path], tmp_path: Path
 ) -> None:
     report = tmp_path / "report.json"
     report.write_text(json.dumps({"rows": [{"world": "random_pillar", "success_rate": 0.5}]}))
-    differences = export_bundle(edge, checkpoints, tmp_path / "bundle", reports=[report])
+    differences = export_bundle(preset, checkpoints, tmp_path / "bundle", reports=[report])
     assert set(differences) == {"policy", "exo2ego", "depth"}
     assert max(differences.values()) < 1e-3
     bundle = load_bundle(tmp_path / "bundle")
-    assert bundle.spec == edge.observation
+    assert bundle.spec == preset.observation
+    assert bundle.sees == ("map" if preset.map_policy else "picture")
+    assert bundle.exo2ego.prior == preset.exo2ego.prior
     for model in (tmp_path / "bundle").glob("*.onnx"):
         assert str(Path(__file__).parents[2]).encode() not in model.read_bytes()
     assert bundle.manifest["results"]["benchmark"][0]["success_rate"] == 0.5
@@ -53,17 +56,17 @@ def test_onnx_equals_torch_and_the_server_loads_the_bundle(
 
 
 def test_a_checkpoint_that_does_not_fit_leaves_the_old_bundle(
-    edge: Preset, checkpoints: dict[str, Path], tmp_path: Path
+    preset: Preset, checkpoints: dict[str, Path], tmp_path: Path
 ) -> None:
     old = tmp_path / "bundle" / "kept"
     old.parent.mkdir()
     old.touch()
     wrong = checkpoints | {"policy": checkpoints["depth"]}
     with pytest.raises(FileError, match="of kind 'depth', expected 'policy'"):
-        export_bundle(edge, wrong, tmp_path / "bundle")
+        export_bundle(preset, wrong, tmp_path / "bundle")
     assert old.exists()
 
 
-def test_a_missing_kind_is_named(edge: Preset, checkpoints: dict[str, Path], tmp_path: Path) -> None:
+def test_a_missing_kind_is_named(preset: Preset, checkpoints: dict[str, Path], tmp_path: Path) -> None:
     with pytest.raises(FileError, match="needs checkpoints of"):
-        export_bundle(edge, {"policy": checkpoints["policy"]}, tmp_path / "bundle")
+        export_bundle(preset, {"policy": checkpoints["policy"]}, tmp_path / "bundle")

@@ -38,7 +38,8 @@ def altered(tmp_path: Path, **changes: object) -> Path:
         ({"colour": "red"}, r"altered\.yaml: colour: unknown key"),
         ({"name": 3}, r"altered\.yaml: name: expected str, got 3"),
         ({"exo2ego": {"width": 64}}, r"altered\.yaml: exo2ego: depth: missing key"),
-        ({"policy": None}, r"altered\.yaml: policy: expected a mapping"),
+        ({"exo2ego": None}, r"altered\.yaml: exo2ego: expected a mapping"),
+        ({"map_policy": None}, r"altered\.yaml: expected a policy or a map_policy"),
     ],
 )
 def test_a_preset_that_does_not_fit_names_file_and_key(

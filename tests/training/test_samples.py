@@ -13,7 +13,7 @@ from revnm_server.frame import Frame
 from revnm_server.mission import Goal
 from revnm_server.observation import ImagePose, ObservationSpec, crop_around, exo_view, normalise_disparity
 from revnm_server.pipeline import Pipeline
-from revnm_sim.bench.methods.revnm import TrueDisparity, TrueSightings
+from revnm_sim.bench.methods.truth import TrueDisparity, TrueSightings
 from revnm_sim.raycast import cast_depth, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.scenario import Scenario
@@ -45,7 +45,7 @@ SPEC = ObservationSpec(
 
 
 def config(out: Path = Path(), episodes: int = 3) -> SynthConfig:
-    return SynthConfig(out, episodes=episodes, goals=2, states=4, seed=3, layout=layout_of(SPEC))
+    return SynthConfig(out, episodes=episodes, goals=2, states=4, seed=3, hidden=False, layout=layout_of(SPEC))
 
 
 @pytest.fixture(scope="module")

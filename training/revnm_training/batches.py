@@ -39,8 +39,9 @@ def mirror(batch: Mapping[str, Tensor], generator: torch.Generator) -> dict[str,
     """Mirror about half of the samples left to right.
 
     Args:
-        batch: Any of ``exo``, ``crop``, ``ego`` (B, …, w), ``rgb`` (B, h, w, 3), ``disparity`` (B, h, w), ``robot``,
-            ``goal`` (B, 2) normalised pixels, ``heading`` (B, 2), ``waypoints`` (B, H, 2).
+        batch: Any of ``exo``, ``crop``, ``prior``, ``ego``, ``map``, ``occupied``, ``cost`` (B, …, w), ``rgb``
+            (B, h, w, 3), ``disparity`` (B, h, w), ``robot``, ``goal`` (B, 2) normalised pixels, ``heading`` (B, 2),
+            ``way``, ``waypoints`` (B, H, 2) and ``aim`` (B, 2) metres, robot frame.
         generator: Decides which.
     """
     first = next(iter(batch.values()))
@@ -53,7 +54,7 @@ def _mirrored(name: str, x: Tensor) -> Tensor:
         return torch.stack([1.0 - x[:, 0], x[:, 1]], dim=1)
     if name == "heading":
         return x * x.new_tensor([-1.0, 1.0])
-    if name == "waypoints":
+    if name in {"waypoints", "way", "aim"}:
         return x * x.new_tensor([1.0, -1.0])
     if name == "rgb":
         return x.flip(2)

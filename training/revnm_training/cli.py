@@ -65,8 +65,8 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
 def _add_synth(parser: argparse.ArgumentParser) -> None:
     _add_preset(parser)
     parser.add_argument("--episodes", type=int, required=True, help="worlds, each seen by one camera")
-    parser.add_argument("--goals", type=int, default=4, help="goals of an episode (default: 4)")
-    parser.add_argument("--states", type=int, default=16, help="states of a goal (default: 16)")
+    parser.add_argument("--goals", type=int, default=2, help="goals of an episode (default: 2)")
+    parser.add_argument("--states", type=int, default=10, help="states of a goal (default: 10)")
     parser.add_argument("--out", type=Path, required=True, help="folder of the data set")
     parser.add_argument("--seed", type=int, default=0, help="0 to 999; other seeds have other worlds")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
@@ -134,6 +134,7 @@ def _synth(options: argparse.Namespace) -> int:
         goals=options.goals,
         states=options.states,
         seed=options.seed,
+        hidden=True,
         layout=layout_of(load_preset(options.preset).observation),
     )
     labelled, seconds = synthesise(config, jobs=options.jobs)

@@ -2,7 +2,8 @@
 
 An episode names its world by family and seed and its camera by numbers; pictures are rendered from them when they
 are read. Files are Arrow parquet, one row an episode, so that other tools can read them; the expert's waypoints are
-stored, because asking the expert again costs more than rendering. Imports neither torch nor PyBullet.
+stored, because asking the expert again costs more than rendering. Places are kept to the millimetre and angles to
+10⁻⁴ rad, as steps from one to the next: so an episode takes less than a kilobyte. Imports neither torch nor PyBullet.
 
 Symbols: G goals, S states, N frames of history, H waypoints.
 """
@@ -23,13 +24,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from revnm_client.errors import FileError
+from revnm_client.errors import ContractError, FileError
 from revnm_client.geometry import FloatArray
 from revnm_server.observation import ObservationSpec
 from revnm_sim.camera import Camera
 
-FORMAT = 1
+FORMAT = 2
 _METADATA_KEY = b"revnm_episodes"
+_MILLI, _YAW_UNIT = 1e-3, 1e-4  # metres, radians
+_POSE_UNITS = np.array([_MILLI, _MILLI, _YAW_UNIT])
+_FARTHEST = 32_767  # of an int16: worlds reach 32 m from their origin
 _CAMERA_FIELDS = tuple(field.name for field in fields(Camera) if field.name != "position_m")
 
 
@@ -99,8 +103,8 @@ def _schema(layout: EpisodeLayout) -> Any:
             ("goals_m", pa.list_(pa.float64())),
             ("goal", pa.list_(pa.uint8())),
             ("kind", pa.list_(pa.uint8())),
-            ("poses", pa.list_(pa.float64())),
-            ("waypoints_m", pa.list_(pa.float32())),
+            ("poses", pa.list_(pa.int16())),
+            ("waypoints", pa.list_(pa.int16())),
         ],
         metadata={_METADATA_KEY: metadata.encode()},
     )
@@ -111,11 +115,17 @@ def write_episodes(path: Path, episodes: Iterable[Episode], layout: EpisodeLayou
     rows = [_to_row(episode) for episode in episodes]
     table = pa.Table.from_pylist(rows, schema=_schema(layout))
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    pq.write_table(table, partial, compression="zstd")
+    steps = {f"{name}.list.element": "DELTA_BINARY_PACKED" for name in ("goal", "kind", "poses", "waypoints")}
+    pq.write_table(table, partial, compression="zstd", compression_level=9, use_dictionary=False, column_encoding=steps)
     partial.replace(path)
 
 
 def _to_row(episode: Episode) -> dict[str, Any]:
+    """Return the row of an episode.
+
+    Raises:
+        ContractError: A place is more than 32 m from the world's origin.
+    """
     camera: dict[str, Any] = {name: getattr(episode.camera, name) for name in _CAMERA_FIELDS}
     return {
         "family": episode.family,
@@ -124,9 +134,30 @@ def _to_row(episode: Episode) -> dict[str, Any]:
         "goals_m": episode.goals_m.ravel(),
         "goal": episode.goal,
         "kind": episode.kind,
-        "poses": episode.poses.ravel(),
-        "waypoints_m": episode.waypoints_m.ravel(),
+        "poses": _steps(_unwrapped(episode.poses[:, ::-1]), _POSE_UNITS),
+        "waypoints": _steps(episode.waypoints_m, np.array(_MILLI)),
     }
+
+
+def _unwrapped(poses: FloatArray) -> FloatArray:
+    """Return poses (S, K, 3) whose yaw begins within ± π and goes on without jumps."""
+    yaw = np.unwrap(poses[..., 2], axis=1)
+    turns = math.tau * np.rint(yaw[:, :1] / math.tau)
+    return np.concatenate([poses[..., :2], (yaw - turns)[..., None]], axis=-1)
+
+
+def _steps(values: FloatArray | NDArray[np.float32], units: FloatArray) -> NDArray[np.int16]:
+    """Return arrays (S, K, D) as the first of the K and the steps that follow, number by number: D · K · S integers."""
+    whole = np.rint(values / units).astype(np.int64)
+    steps = np.diff(whole, axis=1, prepend=0)
+    if np.abs(steps).max(initial=0) > _FARTHEST:
+        raise ContractError(f"an episode's place is {_MILLI * np.abs(whole).max():.1f} m from its origin: too far")
+    return np.ascontiguousarray(steps.transpose(2, 1, 0)).ravel().astype(np.int16)
+
+
+def _unstep(steps: NDArray[np.int16], units: FloatArray) -> FloatArray:
+    """Return the inverse of :func:`_steps` for steps (D, K, S): (S, K, D)."""
+    return np.asarray(np.cumsum(steps.transpose(2, 1, 0).astype(np.int64), axis=1) * units)
 
 
 def read_episodes(path: Path) -> tuple[EpisodeLayout, list[Episode]]:
@@ -179,6 +210,8 @@ def _from_row(row: dict[str, Any], layout: EpisodeLayout, where: str) -> Episode
         raise FileError(f"{where}: goal: an episode without states")
     if int(goal.max()) >= len(goals):
         raise FileError(f"{where}: goal: {int(goal.max())} of only {len(goals)} goals")
+    poses = _shaped(row["poses"], np.int16, (3, layout.history, count), f"{where}: poses")
+    waypoints = _shaped(row["waypoints"], np.int16, (2, layout.waypoints, count), f"{where}: waypoints")
     return Episode(
         family=row["family"],
         world_seed=row["world_seed"],
@@ -186,8 +219,8 @@ def _from_row(row: dict[str, Any], layout: EpisodeLayout, where: str) -> Episode
         goals_m=goals,
         goal=goal,
         kind=_shaped(row["kind"], np.uint8, (count,), f"{where}: kind"),
-        poses=_shaped(row["poses"], np.float64, (count, layout.history, 3), f"{where}: poses"),
-        waypoints_m=_shaped(row["waypoints_m"], np.float32, (count, layout.waypoints, 2), f"{where}: waypoints_m"),
+        poses=_unstep(poses, _POSE_UNITS)[:, ::-1],
+        waypoints_m=_unstep(waypoints, np.array(_MILLI)).astype(np.float32),
     )
 
 

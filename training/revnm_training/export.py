@@ -22,14 +22,17 @@ from torch import Tensor, nn
 
 from revnm_client.errors import ContractError, FileError
 from revnm_server.bundle import file_sha256, load_bundle
+from revnm_server.ego_prior import PRIOR_CHANNELS
 from revnm_server.inference import OnnxModel
 from revnm_server.manifest import MANIFEST
-from revnm_server.observation import ObservationSpec
+from revnm_server.map_window import LAYERS, WAY_POINTS, WindowSpec
 from revnm_training.checkpoint import Checkpoint, load_checkpoint
 from revnm_training.networks.act import ActPolicy
 from revnm_training.networks.depth_net import DepthNet
 from revnm_training.networks.dit import Denoiser
+from revnm_training.networks.map_policy import MapPolicy
 from revnm_training.preset import Preset
+from revnm_training.train_policy import policy_network
 
 TOLERANCE = 1e-3
 _MAX_ROBOTS = 64
@@ -49,6 +52,19 @@ class PolicyGraph(nn.Module):
         return waypoints
 
 
+class MapPolicyGraph(nn.Module):
+    """The policy over the map as it is deployed: z at the prior's mean, waypoints and what stands around."""
+
+    def __init__(self, policy: MapPolicy) -> None:
+        super().__init__()
+        self.policy = policy
+
+    def forward(self, map: Tensor, way: Tensor, goal: Tensor, ego: Tensor) -> tuple[Tensor, Tensor]:  # noqa: A002
+        """Return waypoints (R, H, 2), metres, and probabilities (R, side, side)."""
+        output = self.policy(map, way, goal, ego)
+        return output.waypoints, output.occupied.sigmoid()
+
+
 @dataclass(frozen=True, slots=True)
 class Graph:
     """A network with the names and shapes of its ONNX contract.
@@ -56,36 +72,50 @@ class Graph:
     Attributes:
         network: In evaluation mode.
         inputs: Shape of each input by name, without the batch axis; an empty shape is an integer per robot.
-        output: Name of the output.
+        outputs: Names of the outputs.
         batched: Whether the first axis is the number of robots; else it is 1.
     """
 
     network: nn.Module
     inputs: dict[str, tuple[int, ...]]
-    output: str
+    outputs: tuple[str, ...]
     batched: bool
 
 
 def graphs(preset: Preset) -> dict[str, Graph]:
     """Return the graphs of a preset's networks, with random weights, by kind."""
     spec = preset.observation
-    found = {
-        "policy": Graph(PolicyGraph(ActPolicy(preset.policy, spec)), _policy_inputs(spec), "waypoints", True),
-        "exo2ego": Graph(Denoiser(preset.exo2ego, spec), _exo2ego_inputs(spec), "clean", True),
-    }
+    exo2ego = Denoiser(preset.exo2ego, spec)
+    found = {"policy": _policy_graph(preset), "exo2ego": Graph(exo2ego, _exo2ego_inputs(preset), ("clean",), True)}
     if preset.depth is not None:
-        found["depth"] = Graph(DepthNet(preset.depth), {"image": (3, *spec.disparity_hw)}, "disparity", False)
+        found["depth"] = Graph(DepthNet(preset.depth), {"image": (3, *spec.disparity_hw)}, ("disparity",), False)
     return found
 
 
-def _policy_inputs(spec: ObservationSpec) -> dict[str, tuple[int, ...]]:
+def _policy_graph(preset: Preset) -> Graph:
+    network, spec = policy_network(preset), preset.observation
+    if isinstance(network, MapPolicy):
+        side = WindowSpec().side
+        seen = {
+            "map": (len(LAYERS), side, side),
+            "way": (WAY_POINTS, 2),
+            "goal": (2,),
+            "ego": (1, spec.ego_px, spec.ego_px),
+        }
+        return Graph(MapPolicyGraph(network), seen, ("waypoints", "occupied"), True)
+    assert isinstance(network, ActPolicy)
     exo, ego = (spec.history, 1, *spec.exo_hw), (spec.history, 1, spec.ego_px, spec.ego_px)
-    return {"exo": exo, "ego": ego, "robot": (2,), "heading": (2,), "goal": (2,)}
+    seen = {"exo": exo, "ego": ego, "robot": (2,), "heading": (2,), "goal": (2,)}
+    return Graph(PolicyGraph(network), seen, ("waypoints",), True)
 
 
-def _exo2ego_inputs(spec: ObservationSpec) -> dict[str, tuple[int, ...]]:
+def _exo2ego_inputs(preset: Preset) -> dict[str, tuple[int, ...]]:
+    spec = preset.observation
     noisy, crop = (1, spec.ego_px, spec.ego_px), (spec.history, spec.crop_px, spec.crop_px)
-    return {"noisy": noisy, "crop": crop, "step": (), "robot": (2,), "heading": (2,)}
+    seen: dict[str, tuple[int, ...]] = {"noisy": noisy, "crop": crop, "step": (), "robot": (2,), "heading": (2,)}
+    if preset.exo2ego.prior:
+        seen["prior"] = (PRIOR_CHANNELS, spec.ego_px, spec.ego_px)
+    return seen
 
 
 def export_onnx(graph: Graph, path: Path) -> float:
@@ -105,7 +135,7 @@ def export_onnx(graph: Graph, path: Path) -> float:
             network,
             _random_inputs(graph, 2 if graph.batched else 1, seed=0),
             input_names=list(graph.inputs),
-            output_names=[graph.output],
+            output_names=list(graph.outputs),
             dynamic_shapes=[dynamic] * len(graph.inputs),
             dynamo=True,
             verbose=False,
@@ -144,10 +174,12 @@ def _difference(graph: Graph, path: Path) -> float:
     for batch in _CHECKED_BATCHES if graph.batched else (1,):
         inputs = _random_inputs(graph, batch, seed=batch)
         with torch.inference_mode():
-            expected = graph.network(*inputs).numpy()
+            answer = graph.network(*inputs)
+        expected = answer if isinstance(answer, tuple) else (answer,)
         arrays = {name: tensor.numpy() for name, tensor in zip(graph.inputs, inputs, strict=True)}
-        got = model.run(**arrays)[graph.output]
-        worst = max(worst, float(np.abs(got - expected).max()))
+        got = model.run(**arrays)
+        for name, value in zip(graph.outputs, expected, strict=True):
+            worst = max(worst, float(np.abs(got[name] - value.numpy()).max()))
     return worst
 
 
@@ -192,7 +224,9 @@ def _load_weights(graph: Graph, path: Path, kind: str, preset: Preset) -> Checkp
     checkpoint = load_checkpoint(path, kind)
     if checkpoint.preset != preset.name:
         raise FileError(f"{path}: trained with preset {checkpoint.preset!r}, not {preset.name!r}")
-    network = graph.network.policy if isinstance(graph.network, PolicyGraph) else graph.network
+    network = graph.network
+    if isinstance(network, PolicyGraph | MapPolicyGraph):
+        network = network.policy
     try:
         network.load_state_dict(checkpoint.averaged)
     except RuntimeError as error:
@@ -216,7 +250,14 @@ def _manifest(
         return {"file": name, "sha256": file_sha256(folder / name)}
 
     models = {kind: entry(kind) for kind in checkpoints}
-    models["exo2ego"] |= {"steps": preset.exo2ego.steps, "schedule": "cosine"}
+    exo2ego = preset.exo2ego
+    models["policy"] |= {"sees": "picture" if preset.map_policy is None else "map"}
+    models["exo2ego"] |= {
+        "steps": exo2ego.steps,
+        "schedule": "cosine",
+        "prior": exo2ego.prior,
+        "noise": exo2ego.noise,
+    }
     if preset.depth is not None:
         models["depth"] |= {"kind": "disparity", "mean": preset.depth.mean, "std": preset.depth.std}
     recipe = {
@@ -231,7 +272,7 @@ def _manifest(
         },
     }
     return {
-        "format": 1,
+        "format": 2,
         "name": preset.name,
         "observation": dataclasses.asdict(preset.observation),
         "models": models,

@@ -25,14 +25,13 @@ from revnm_sim.shade import shade
 from revnm_sim.world import Primitive, Shape, World, primitive_arrays
 from revnm_training.cache import Arrays, Block, Column, cut_blocks, fill_cache
 from revnm_training.sample_cache import VALIDATION_SHARE
-from revnm_training.samples import AISLES, DEMO_ROOM, RANDOM_PILLAR, ROOMS, build_world
+from revnm_training.samples import build_world
 from revnm_training.states import make_scene
-from revnm_training.synth import WORLDS_PER_SEED, draw_camera
+from revnm_training.synth import FAMILIES, WORLDS_PER_SEED, draw_camera
 
-FORMAT = 2
+FORMAT = 3
 _PER_WORLD = 4
 _WORLDS_PER_BLOCK = 10
-_FAMILIES = {RANDOM_PILLAR: 0.4, DEMO_ROOM: 0.1, AISLES: 0.25, ROOMS: 0.25}
 _EMPTY_SHARE = 0.1
 _PLATE_M = 0.004
 
@@ -106,7 +105,7 @@ def render_pictures(folder: Path, hw: tuple[int, int], *, pictures: int, jobs: i
 def _world_pictures(
     seed: int, number: int, hw: tuple[int, int], rng: np.random.Generator
 ) -> list[tuple[NDArray[np.uint8], Image32]]:
-    family = str(rng.choice(list(_FAMILIES), p=list(_FAMILIES.values())))
+    family = str(rng.choice(list(FAMILIES), p=list(FAMILIES.values())))
     # From the far end of the seed's worlds: the policy's episodes count from the other.
     world = build_world(family, TRAINING_SEED_BASE + (seed + 1) * WORLDS_PER_SEED - 1 - number)
     grid = occupancy(world)

@@ -68,6 +68,39 @@ class PolicyConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class MapPolicyConfig:
+    """The policy over the lifted map.
+
+    Attributes:
+        backbone: Encoder of the map's window, behind a stem that halves it.
+        ego_backbone: Encoder of the ego depth.
+        width: Channels of the transformer.
+        heads: Attention heads.
+        feedforward: Channels of the feed-forward layers.
+        vae_layers: Layers of the CVAE encoder.
+        encoder_layers: Layers of the transformer encoder.
+        decoder_layers: Layers of the transformer decoder.
+        latent: Dimensions of z.
+        dropout: Dropout probability.
+        occupied_weight: Weight of the loss of what stands where.
+        cost_weight: Weight of the loss of the cost to the goal.
+    """
+
+    backbone: BackboneConfig
+    ego_backbone: BackboneConfig
+    width: int
+    heads: int
+    feedforward: int
+    vae_layers: int
+    encoder_layers: int
+    decoder_layers: int
+    latent: int
+    dropout: float
+    occupied_weight: float
+    cost_weight: float
+
+
+@dataclass(frozen=True, slots=True)
 class Exo2EgoConfig:
     """The diffusion transformer that imagines the ego depth.
 
@@ -77,6 +110,8 @@ class Exo2EgoConfig:
         heads: Attention heads.
         patch: Side of a patch, pixels.
         steps: DDIM steps at run time; divides 1000.
+        prior: See the exo depth reprojected into the robot's view, too; only with a policy that sees the map.
+        noise: Diffuse; else it is a plain regression, called once on zeros.
     """
 
     width: int
@@ -84,6 +119,8 @@ class Exo2EgoConfig:
     heads: int
     patch: int
     steps: int
+    prior: bool
+    noise: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +166,8 @@ class Preset:
     Attributes:
         name: For the manifest.
         observation: Shapes and ranges of the observation.
-        policy: Sizes of the policy.
+        policy: Sizes of the policy that sees the picture (paper); None if it sees the map.
+        map_policy: Sizes of the policy that sees the map; None if it sees the picture.
         exo2ego: Sizes of the denoiser.
         depth: Sizes of the depth network; None where a third-party network is loaded by config.
         train_policy: Recipe of the policy.
@@ -139,7 +177,8 @@ class Preset:
 
     name: str
     observation: ObservationSpec
-    policy: PolicyConfig
+    policy: PolicyConfig | None
+    map_policy: MapPolicyConfig | None
     exo2ego: Exo2EgoConfig
     depth: DepthConfig | None
     train_policy: TrainConfig
@@ -164,6 +203,10 @@ def load_preset(name_or_path: str) -> Preset:
     except yaml.YAMLError as error:
         raise FileError(f"{path}: not YAML: {error}") from error
     preset: Preset = _build(Preset, content, str(path))
+    if (preset.policy is None) == (preset.map_policy is None):
+        raise FileError(f"{path}: expected a policy or a map_policy, the other null")
+    if preset.exo2ego.prior and preset.map_policy is None:
+        raise FileError(f"{path}: exo2ego: prior: needs a map_policy: only a map can be reprojected")
     return preset
 
 

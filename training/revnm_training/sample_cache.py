@@ -117,7 +117,7 @@ def render_samples(
         ConfigError: The episodes are labelled for another observation, or the cache is of another recipe.
     """
     files, errors = data_files(data), disturbance or Disturbance()
-    sources, first_episode, blocks = _plan(files, spec)
+    sources, first_episode, blocks = plan_blocks(files, spec)
     columns = {
         "exo": Column("uint8", (spec.history, *spec.exo_hw)),
         "crop": Column("uint8", (spec.history, spec.crop_px, spec.crop_px)),
@@ -149,7 +149,16 @@ def split(episode: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int
     return np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
 
 
-def _plan(files: Sequence[Path], spec: ObservationSpec) -> tuple[list[SampleBlock], list[int], list[Block]]:
+def plan_blocks(files: Sequence[Path], spec: ObservationSpec) -> tuple[list[SampleBlock], list[int], list[Block]]:
+    """Cut files into blocks of episodes.
+
+    Returns:
+        What each block holds, the number of its first episode, and which samples it fills.
+
+    Raises:
+        FileError: A file is malformed.
+        ConfigError: It is labelled for another observation.
+    """
     sources: list[SampleBlock] = []
     first_episode: list[int] = []
     blocks: list[Block] = []

@@ -27,20 +27,13 @@ from revnm_server.observation import (
     normalise_ego_depth,
     normalise_pixel,
 )
-from revnm_sim.aisles import aisles
 from revnm_sim.camera import Camera
-from revnm_sim.generator import demo_room, random_pillar
 from revnm_sim.raycast import cast_depth, disparity_from_depth, ego_camera, overlay_depth, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot
-from revnm_sim.rooms import rooms
 from revnm_sim.world import World, primitive_arrays
+from revnm_sim.worlds import generated_world, is_generated
 from revnm_training.augment import DisparityError, Disturbance, draw_error
 from revnm_training.episodes import Episode
-
-RANDOM_PILLAR = "random_pillar"
-DEMO_ROOM = "demo_room"
-AISLES = "aisles"
-ROOMS = "rooms"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +65,9 @@ def build_world(family: str, seed: int) -> World:
     Raises:
         FileError: There is no such family.
     """
-    generators = {RANDOM_PILLAR: random_pillar, DEMO_ROOM: demo_room, AISLES: aisles, ROOMS: rooms}
-    if family not in generators:
-        raise FileError(f"world family {family!r}: expected one of {', '.join(generators)}")
-    return generators[family](seed)
+    if not is_generated(family):
+        raise FileError(f"world family {family!r}: no such family of generated worlds")
+    return generated_world(family, seed)
 
 
 def goal_pixel(camera: Camera, goal_m: FloatArray) -> FloatArray:

@@ -1,14 +1,14 @@
 """Chooses the robot states and goals that a policy learns from in one world seen by one camera.
 
 Three kinds, after what a learner meets when it errs: near the expert's way with wrong heading and offset, anywhere,
-and almost touching an obstacle. Only states are kept in which the tag is visible, and only goals that an operator
-could click. Imports neither torch nor PyBullet.
+and almost touching an obstacle. Unless asked for, no states are kept in which the tag is hidden; goals are what an
+operator could click. Imports neither torch nor PyBullet.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,13 +37,14 @@ _HISTORY_W_RADPS = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """One world seen by one camera, with a pool of places where a robot fits and its tag is seen.
+    """One world seen by one camera, with a pool of places where a robot may be.
 
     Attributes:
         camera: The remote camera.
         arrays: The world's primitives.
         grid: The world's occupancy.
         robot: The robot.
+        hidden: Whether the robot may be where its tag is not seen.
         pool_m: (P, 2) places, world frame, evenly random.
         pool_clearance_m: (P,) their distance from obstacles.
     """
@@ -52,25 +53,35 @@ class Scene:
     arrays: PrimitiveArrays
     grid: OccupancyGrid
     robot: RobotSpec
+    hidden: bool
     pool_m: FloatArray
     pool_clearance_m: FloatArray
 
     def fits(self, points_m: FloatArray) -> NDArray[np.bool_]:
-        """Return at which of the points (M, 2) the robot touches nothing and its tag is seen."""
+        """Return at which of the points (M, 2) the robot touches nothing and, unless it may be hidden, is seen."""
         fits = self.grid.clearance_m(points_m) > INSCRIBED_M
-        fits[fits] = tag_seen(self.arrays, self.camera, points_m[fits], self.robot)
+        if not self.hidden:
+            fits[fits] = tag_seen(self.arrays, self.camera, points_m[fits], self.robot)
         return fits
 
 
-def make_scene(world: World, camera: Camera, grid: OccupancyGrid, robot: RobotSpec, rng: np.random.Generator) -> Scene:
+def make_scene(
+    world: World,
+    camera: Camera,
+    grid: OccupancyGrid,
+    robot: RobotSpec,
+    rng: np.random.Generator,
+    *,
+    hidden: bool = False,
+) -> Scene:
     """Draw the pool of places of a scene."""
     bounds = world.bounds
     low, high = np.array(bounds[:2]), np.array(bounds[2:])
     points = low + (high - low) * rng.random((_POOL, 2))
     arrays = primitive_arrays(world.primitives)
-    scene = Scene(camera, arrays, grid, robot, points, grid.clearance_m(points))
+    scene = Scene(camera, arrays, grid, robot, hidden, points, grid.clearance_m(points))
     kept = scene.fits(points)
-    return Scene(camera, arrays, grid, robot, points[kept], scene.pool_clearance_m[kept])
+    return replace(scene, pool_m=points[kept], pool_clearance_m=scene.pool_clearance_m[kept])
 
 
 def draw_goals(scene: Scene, count: int, rng: np.random.Generator) -> FloatArray:

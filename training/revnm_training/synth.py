@@ -8,28 +8,35 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import joblib
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from revnm_client.errors import ConfigError, ContractError
-from revnm_client.geometry import Pose2
+from revnm_client.geometry import FloatArray, Pose2
 from revnm_sim.camera import Camera
-from revnm_sim.expert import Expert, UnreachableError
+from revnm_sim.expert import CostToGo, Expert, UnreachableError
 from revnm_sim.generator import TRAINING_SEED_BASE
 from revnm_sim.placement import sample_camera
 from revnm_sim.robot import RobotSpec
 from revnm_sim.world import World
 from revnm_training.episodes import Episode, EpisodeLayout, read_layout, write_episodes
-from revnm_training.samples import DEMO_ROOM, RANDOM_PILLAR, build_world
+from revnm_training.samples import build_world
 from revnm_training.states import Scene, draw_goals, draw_history, draw_states, make_scene
 
 SHARD_EPISODES = 100
 WORLDS_PER_SEED = 1_000_000
-_DEMO_SHARE = 0.15
+FAMILIES: Mapping[str, float] = MappingProxyType(
+    {"random_pillar": 0.30, "slits": 0.20, "aisles": 0.20, "rooms": 0.20, "demo_room": 0.10}
+)
+"""Share of the worlds by family."""
+
 _SIZES_PX = ((640, 480), (640, 360))
 _HFOV_DEG = (60.0, 120.0)
 _ROLL_RAD = math.radians(1.0)
@@ -46,6 +53,7 @@ class SynthConfig:
         goals: Goals of an episode.
         states: States of a goal.
         seed: Of everything; data sets of different seeds share no world.
+        hidden: Keep states in which the camera does not see the tag, which only a map carries on.
         layout: Lengths of history and labels.
     """
 
@@ -54,6 +62,7 @@ class SynthConfig:
     goals: int
     states: int
     seed: int
+    hidden: bool
     layout: EpisodeLayout
 
 
@@ -104,7 +113,7 @@ def _write_shard(config: SynthConfig, path: Path, first: int, stop: int) -> tupl
 def make_episode(config: SynthConfig, number: int) -> Episode | None:
     """Make an episode by its number; None where the camera sees no place to go from or to."""
     rng = np.random.default_rng((config.seed, number))
-    family = DEMO_ROOM if rng.random() < _DEMO_SHARE else RANDOM_PILLAR
+    family = str(rng.choice(list(FAMILIES), p=list(FAMILIES.values())))
     world_seed = TRAINING_SEED_BASE + config.seed * WORLDS_PER_SEED + number
     world = build_world(family, world_seed)
     try:
@@ -112,7 +121,7 @@ def make_episode(config: SynthConfig, number: int) -> Episode | None:
     except ContractError:
         return None
     expert = Expert(world)
-    scene = make_scene(world, camera, expert.grid, RobotSpec(), rng)
+    scene = make_scene(world, camera, expert.grid, RobotSpec(), rng, hidden=config.hidden)
     goals = draw_goals(scene, config.goals, rng)
     parts = [_label(config, scene, expert, goal, rng) for goal in goals]
     counts = [len(kind) for kind, _, _ in parts]
@@ -146,7 +155,7 @@ def draw_camera(world: World, rng: np.random.Generator) -> Camera:
 def _label(
     config: SynthConfig, scene: Scene, expert: Expert, goal: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return kinds (S,), poses (S, N, 3) and waypoints (S, H, 2) for one goal; none where it has no way in."""
+    """Return kinds (S,), poses (S, N, 3) and waypoints (S, H, 2) for a goal, farthest first; none without a way."""
     layout = config.layout
     try:
         field = expert.field(goal)
@@ -156,9 +165,16 @@ def _label(
     else:
         poses, kinds = draw_states(scene, field, config.states, rng)
         waypoints = field.waypoints_batch(poses, count=layout.waypoints, spacing_m=layout.spacing_m)
-    valid = np.isfinite(waypoints).all(axis=(1, 2))
+    valid = np.flatnonzero(np.isfinite(waypoints).all(axis=(1, 2)))
+    valid = valid[_farthest_first(field, poses[valid])] if len(valid) else valid
     past = [
         draw_history(scene, Pose2(*pose), frames=layout.history, interval_s=layout.history_interval_s, rng=rng)
         for pose in poses[valid]
     ]
     return kinds[valid], np.array(past).reshape(-1, layout.history, 3), waypoints[valid]
+
+
+def _farthest_first(field: CostToGo, poses: FloatArray) -> NDArray[np.intp]:
+    """Return the order of poses (S, 3) in which a robot would pass them on its way."""
+    rest = [field.length_m(pose[:2]) for pose in poses]
+    return np.argsort(rest)[::-1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +14,16 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from revnm_server.exo2ego import ddim_sample, ddim_schedule, start_noise
+from revnm_server.exo2ego import ddim_sample, ddim_schedule, start_image
 from revnm_server.observation import Image32
 from revnm_training.batches import add_noise, gather, mirror, signed, unit
 from revnm_training.checkpoint import load_checkpoint
+from revnm_training.map_cache import rendered
 from revnm_training.networks.dit import Denoiser, diffusion_loss
-from revnm_training.preset import Preset
-from revnm_training.sample_cache import SampleSet, render_samples, to_bytes
+from revnm_training.preset import Exo2EgoConfig, Preset
+from revnm_training.sample_cache import SampleSet, to_bytes
 from revnm_training.trainer import Batch, RunSettings, Trainer
 
-_CONDITION = ("crop", "robot", "heading")
 _VALIDATION_SAMPLES = 1024
 _SAMPLING_BATCH = 128  # fits the processor caches
 
@@ -32,60 +33,76 @@ class Exo2EgoTask:
 
     kind = "exo2ego"
 
-    def __init__(self, samples: SampleSet, steps: int) -> None:
-        self._samples = samples
-        self._steps = steps
+    def __init__(self, samples: SampleSet, config: Exo2EgoConfig) -> None:
+        self._samples, self._config = samples, config
         self.train_size = len(samples.train)
         self.data = samples.describe()
 
     def batch(self, index: NDArray[np.int64], rng: np.random.Generator) -> Batch:
         """Gather crops, poses and ego depths."""
         del rng
-        return gather(self._samples.columns, (*_CONDITION, "ego"), self._samples.train[index])
+        return gather(self._samples.columns, (*_condition(self._config), "ego"), self._samples.train[index])
 
     def loss(self, network: nn.Module, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
         """Return the diffusion loss of a batch, half of it mirrored."""
         batch = mirror(batch, generator)
-        crop = add_noise(unit(batch["crop"]), generator)
+        seen = _seen(batch)
+        seen["crop"] = add_noise(seen["crop"], generator)
         clean = signed(batch["ego"][:, -1:])
-        return diffusion_loss(network, clean, (crop, batch["robot"], batch["heading"]), generator)
+        return diffusion_loss(network, clean, seen, generator, noise=self._config.noise)
 
     def validate(self, network: nn.Module, device: torch.device) -> dict[str, float]:
         """Return the PSNR at one step and at the preset's, decibels: range 1, mean over pictures, 32 × 32."""
         chosen = self._samples.validation
         chosen = chosen[:: max(1, len(chosen) // _VALIDATION_SAMPLES)]
-        batch = gather(self._samples.columns, (*_CONDITION, "ego"), chosen)
+        batch = gather(self._samples.columns, (*_condition(self._config), "ego"), chosen)
         true = unit(batch["ego"][:, -1]).numpy()
         measured = {}
-        for steps in sorted({1, self._steps}):
-            imagined = (imagine(network, batch, steps=steps, device=device) + 1.0) / 2.0
+        for steps in sorted({1, 8, self._config.steps}) if self._config.noise else [1]:
+            imagined = (imagine(network, batch, steps=steps, noise=self._config.noise, device=device) + 1.0) / 2.0
             error = ((imagined - true) ** 2).mean(axis=(1, 2))
             measured[f"psnr_{steps}_steps_db"] = float(np.mean(-10.0 * np.log10(np.maximum(error, 1e-9))))
         return measured
 
 
+def _condition(config: Exo2EgoConfig) -> tuple[str, ...]:
+    """Return the columns that the network sees."""
+    return ("crop", "robot", "heading", "prior") if config.prior else ("crop", "robot", "heading")
+
+
+def _seen(batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Return what the network sees of a batch of columns, scaled."""
+    seen = {"crop": unit(batch["crop"]), "robot": batch["robot"], "heading": batch["heading"]}
+    if "prior" in batch:
+        depth, known = unit(batch["prior"]).split(1, dim=1)
+        seen["prior"] = torch.cat([2.0 * depth - 1.0, known], dim=1)
+    return seen
+
+
 @torch.no_grad()
-def imagine(network: nn.Module, batch: Batch, *, steps: int, device: torch.device) -> Image32:
+def imagine(network: nn.Module, batch: Batch, *, steps: int, noise: bool, device: torch.device) -> Image32:
     """Sample ego depth (B, e, e) in [−1, 1] exactly as the server does.
 
     Args:
         network: A :class:`Denoiser`.
-        batch: ``crop`` (B, N, c, c) bytes, ``robot`` and ``heading`` (B, 2); ``ego`` gives the size.
+        batch: ``crop`` (B, N, c, c) and perhaps ``prior`` (B, 2, e, e) bytes, ``robot`` and ``heading`` (B, 2);
+            ``ego`` gives the size.
         steps: DDIM steps.
+        noise: Whether it diffuses.
         device: Where the network is.
     """
     schedule, pictures = ddim_schedule(steps), []
     for start in range(0, len(batch["crop"]), _SAMPLING_BATCH):
         part = {name: x[start : start + _SAMPLING_BATCH].to(device) for name, x in batch.items()}
-        crop, count = unit(part["crop"]), len(part["crop"])
-        noise = np.tile(start_noise(part["ego"].shape[-1]), (count, 1, 1, 1))
+        seen, count = _seen(part), len(part["crop"])
+        begin = np.tile(start_image(part["ego"].shape[-1], noise=noise), (count, 1, 1, 1))
 
-        def denoise(noisy: Image32, step: int, crop: Tensor = crop, part: Batch = part) -> Image32:
-            at = torch.full((len(crop),), step, dtype=torch.int64, device=device)
-            clean = network(torch.from_numpy(noisy).to(device), crop, at, part["robot"], part["heading"])
+        def denoise(noisy: Image32, step: int, seen: Batch = seen) -> Image32:
+            at = torch.full((len(noisy),), step, dtype=torch.int64, device=device)
+            clean = network(noisy=torch.from_numpy(noisy).to(device), step=at, **seen)
             return np.asarray(clean.float().cpu().numpy())
 
-        pictures.append(ddim_sample(denoise, noise.reshape(count, 1, *noise.shape[-2:]), schedule)[:, 0])
+        pictures.append(ddim_sample(denoise, begin.reshape(count, 1, *begin.shape[-2:]), schedule)[:, 0])
     return np.concatenate(pictures)
 
 
@@ -98,7 +115,7 @@ def imagined_ego(samples: SampleSet, preset: Preset, checkpoint: Path) -> NDArra
         FileError: The checkpoint is missing or of another kind.
     """
     weights = load_checkpoint(checkpoint, Exo2EgoTask.kind).averaged
-    name = f"imagined_{hashlib.sha256(checkpoint.read_bytes()).hexdigest()[:12]}"
+    name = f"imagined_{hashlib.sha256(checkpoint.read_bytes()).hexdigest()[:12]}_{preset.exo2ego.steps}"
     path, progress = samples.folder / f"{name}.npy", samples.folder / f"{name}.json"
     ego = samples.columns["ego"]
     shape = (len(ego), *ego.shape[2:])
@@ -109,12 +126,12 @@ def imagined_ego(samples: SampleSet, preset: Preset, checkpoint: Path) -> NDArra
     network = Denoiser(preset.exo2ego, preset.observation)
     network.load_state_dict(weights)
     network.eval().to(device)
-    _imagine_missing(samples, network, path, progress, steps=preset.exo2ego.steps, device=device)
+    _imagine_missing(samples, network, path, progress, config=preset.exo2ego, device=device)
     return np.asarray(np.load(path, mmap_mode="r"))
 
 
 def _imagine_missing(
-    samples: SampleSet, network: nn.Module, path: Path, progress: Path, *, steps: int, device: torch.device
+    samples: SampleSet, network: nn.Module, path: Path, progress: Path, *, config: Exo2EgoConfig, device: torch.device
 ) -> None:
     imagined: np.memmap[Any, np.dtype[np.uint8]] = np.lib.format.open_memmap(path, mode="r+")
     done = json.loads(progress.read_text(encoding="utf-8"))["done"]
@@ -122,9 +139,9 @@ def _imagine_missing(
     with tqdm(total=len(imagined), initial=done, desc="imagine ego depth", unit=" samples") as bar:
         for start in range(done, len(imagined), chunk):
             index = np.arange(start, min(start + chunk, len(imagined)))
-            batch = gather(samples.columns, (*_CONDITION, "ego"), index)
+            batch = gather(samples.columns, (*_condition(config), "ego"), index)
             with torch.autocast(device.type, torch.bfloat16):
-                pictures = imagine(network, batch, steps=steps, device=device)
+                pictures = imagine(network, batch, steps=config.steps, noise=config.noise, device=device)
             imagined[index] = to_bytes((pictures + 1.0) / 2.0)
             imagined.flush()
             progress.write_text(json.dumps({"done": int(index[-1]) + 1}), encoding="utf-8")
@@ -140,8 +157,8 @@ def train_exo2ego(preset: Preset, settings: RunSettings, *, data: Path, cache: P
     Raises:
         ConfigError: Cache, data or run folder hold something else.
     """
-    samples = render_samples(data, cache, preset.observation, jobs=jobs)
+    samples = rendered(preset, data, cache, jobs=jobs)
     torch.manual_seed(settings.seed)
     network = Denoiser(preset.exo2ego, preset.observation)
-    task = Exo2EgoTask(samples, preset.exo2ego.steps)
+    task = Exo2EgoTask(samples, preset.exo2ego)
     return Trainer(task, network, preset.train_exo2ego, settings).run()

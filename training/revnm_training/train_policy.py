@@ -12,19 +12,21 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from revnm_server.observation import Image32
 from revnm_training.batches import add_noise, gather, mirror, signed, unit
+from revnm_training.map_cache import rendered
 from revnm_training.networks.act import ActPolicy, policy_loss
+from revnm_training.networks.map_policy import MapPolicy
 from revnm_training.preset import Preset
-from revnm_training.sample_cache import SampleSet, render_samples
+from revnm_training.sample_cache import SampleSet
 from revnm_training.train_exo2ego import imagined_ego
-from revnm_training.trainer import Batch, RunSettings, Trainer
+from revnm_training.train_map_policy import MapPolicyTask
+from revnm_training.trainer import Batch, RunSettings, Task, Trainer
+from revnm_training.waypoint_errors import waypoint_errors
 
 _COLUMNS = ("exo", "robot", "heading", "goal", "waypoints")
 _IMAGINED_SHARE = 0.75
 _VALIDATION_SAMPLES = 2048
 _VALIDATION_BATCH = 256
-_SHORTEST_M = 0.2
 
 
 class PolicyTask:
@@ -83,24 +85,6 @@ class PolicyTask:
         return batch
 
 
-def waypoint_errors(predicted: Image32, true: Image32) -> dict[str, float]:
-    """Compare waypoints (M, H, 2), metres.
-
-    Returns:
-        ``l1_m`` over all coordinates; ``waypoint_1_m`` … the mean distance of each waypoint; ``first_deg`` and
-        ``last_deg``, the mean angle between the directions to the first and to the last, where that is far enough.
-    """
-    distance = np.linalg.norm(predicted - true, axis=2).mean(axis=0)
-    measured = {"l1_m": float(np.abs(predicted - true).mean())}
-    measured |= {f"waypoint_{i + 1}_m": float(value) for i, value in enumerate(distance)}
-    for name, place in (("first_deg", 0), ("last_deg", -1)):
-        a, b = predicted[:, place], true[:, place]
-        far = np.linalg.norm(b, axis=1) > _SHORTEST_M
-        turn = np.arctan2(a[far, 0] * b[far, 1] - a[far, 1] * b[far, 0], (a[far] * b[far]).sum(axis=1))
-        measured[name] = float(np.degrees(np.abs(turn)).mean())
-    return measured
-
-
 def train_policy(
     preset: Preset, settings: RunSettings, *, data: Path, cache: Path, exo2ego: Path | None, jobs: int
 ) -> bool:
@@ -113,9 +97,21 @@ def train_policy(
         ConfigError: Cache, data or run folder hold something else.
         FileError: The denoiser's checkpoint is missing or of another kind.
     """
-    samples = render_samples(data, cache, preset.observation, jobs=jobs)
+    samples = rendered(preset, data, cache, jobs=jobs)
     imagined = None if exo2ego is None else imagined_ego(samples, preset, exo2ego)
     torch.manual_seed(settings.seed)
-    network = ActPolicy(preset.policy, preset.observation)
-    task = PolicyTask(samples, imagined, kl_weight=preset.train_policy.kl_weight)
-    return Trainer(task, network, preset.train_policy, settings).run()
+    kl_weight = preset.train_policy.kl_weight
+    task: Task
+    if preset.map_policy is not None:
+        task = MapPolicyTask(samples, imagined, preset.map_policy, kl_weight=kl_weight)
+    else:
+        task = PolicyTask(samples, imagined, kl_weight=kl_weight)
+    return Trainer(task, policy_network(preset), preset.train_policy, settings).run()
+
+
+def policy_network(preset: Preset) -> nn.Module:
+    """Return a preset's policy with random weights: a :class:`MapPolicy` or an :class:`ActPolicy`."""
+    if preset.map_policy is not None:
+        return MapPolicy(preset.map_policy, preset.observation)
+    assert preset.policy is not None  # the preset's loader has checked that there is one
+    return ActPolicy(preset.policy, preset.observation)

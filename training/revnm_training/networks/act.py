@@ -18,7 +18,7 @@ from revnm_server.observation import ObservationSpec
 from revnm_training.networks.paint import aligned_goal, paint
 from revnm_training.networks.resnet import ResNet
 from revnm_training.networks.transformer import DecoderLayer, EncoderLayer, sine_position_2d
-from revnm_training.preset import PolicyConfig
+from revnm_training.preset import MapPolicyConfig, PolicyConfig
 
 PAINTED_CHANNELS = 6
 ALIGNED_GOAL_FEATURES = 5
@@ -66,7 +66,7 @@ class ViewEncoder(nn.Module):
 class LatentEncoder(nn.Module):
     """The CVAE encoder q(z | p_rob, w*); used in training only."""
 
-    def __init__(self, config: PolicyConfig, waypoints: int) -> None:
+    def __init__(self, config: PolicyConfig | MapPolicyConfig, waypoints: int) -> None:
         super().__init__()
         d = config.width
         self.cls = nn.Parameter(torch.randn(1, 1, d) * 0.02)

@@ -8,11 +8,13 @@ output).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from revnm_server.ego_prior import PRIOR_CHANNELS
 from revnm_server.exo2ego import DIFFUSION_STEPS, cosine_alpha_bar
 from revnm_server.observation import ObservationSpec
 from revnm_training.networks.transformer import attend, sine_position_2d
@@ -61,7 +63,7 @@ class Denoiser(nn.Module):
         super().__init__()
         self.patch, self.side, d = config.patch, spec.ego_px, config.width
         self.shuffle = spec.crop_px // spec.ego_px
-        channels = 1 + spec.history * self.shuffle**2
+        channels = 1 + spec.history * self.shuffle**2 + (PRIOR_CHANNELS if config.prior else 0)
         self.embed = nn.Conv2d(channels, d, config.patch, config.patch)
         tokens = spec.ego_px // config.patch
         self.register_buffer("position", sine_position_2d(tokens, tokens, d), persistent=False)
@@ -74,7 +76,9 @@ class Denoiser(nn.Module):
         _zero(self.modulation[1])
         _zero(self.out)
 
-    def forward(self, noisy: Tensor, crop: Tensor, step: Tensor, robot: Tensor, heading: Tensor) -> Tensor:
+    def forward(
+        self, noisy: Tensor, crop: Tensor, step: Tensor, robot: Tensor, heading: Tensor, prior: Tensor | None = None
+    ) -> Tensor:
         """Predict the clean picture.
 
         Args:
@@ -83,11 +87,14 @@ class Denoiser(nn.Module):
             step: (B,) diffusion step, 0 to 999.
             robot: (B, 2) normalised pixel of the robot.
             heading: (B, 2) unit vector of its forward axis in the picture.
+            prior: (B, 2, e, e) the exo depth reprojected into the robot's view and where it is known, of
+                :func:`revnm_server.ego_prior.ego_prior`; given exactly if the network was built for it.
 
         Returns:
             (B, 1, e, e) clean ego depth in [−1, 1].
         """
-        x = torch.cat([noisy, functional.pixel_unshuffle(_standardise(crop), self.shuffle)], dim=1)
+        seen = [noisy, functional.pixel_unshuffle(_standardise(crop), self.shuffle)]
+        x = torch.cat(seen if prior is None else [*seen, prior], dim=1)
         x = self.embed(x).flatten(2).transpose(1, 2) + self.position  # (B, L, d)
         condition = self.step(_step_features(step).to(x.dtype)) + self.robot(robot) + self.heading(heading)
         for block in self.blocks:
@@ -119,7 +126,7 @@ def _step_features(step: Tensor) -> Tensor:
 
 
 def diffusion_loss(
-    model: nn.Module, clean: Tensor, condition: tuple[Tensor, Tensor, Tensor], generator: torch.Generator
+    model: nn.Module, clean: Tensor, condition: Mapping[str, Tensor], generator: torch.Generator, *, noise: bool
 ) -> dict[str, Tensor]:
     """Return ``loss``, the pixel-wise MSE of the predicted clean picture (paper, section III-E b).
 
@@ -129,14 +136,14 @@ def diffusion_loss(
     Args:
         model: A :class:`Denoiser`.
         clean: (B, 1, e, e) true ego depth in [−1, 1].
-        condition: ``crop``, ``robot`` and ``heading`` of :meth:`Denoiser.forward`.
+        condition: ``crop``, ``robot``, ``heading`` and perhaps ``prior`` of :meth:`Denoiser.forward`.
         generator: Source of steps and noise.
+        noise: Diffuse; else the network gets zeros and the last step, and regresses.
     """
-    crop, robot, heading = condition
     batch = clean.shape[0]
     step = torch.randint(DIFFUSION_STEPS, (batch,), generator=generator, device=clean.device)
-    step[: batch // 2] = DIFFUSION_STEPS - 1
+    drawn = torch.randn(clean.shape, generator=generator, dtype=clean.dtype, device=clean.device)
+    step[: batch // 2 if noise else batch] = DIFFUSION_STEPS - 1
     signal = torch.as_tensor(cosine_alpha_bar(), dtype=clean.dtype, device=clean.device)[step][:, None, None, None]
-    noise = torch.randn(clean.shape, generator=generator, dtype=clean.dtype, device=clean.device)
-    noisy = signal.sqrt() * clean + (1.0 - signal).sqrt() * noise
-    return {"loss": functional.mse_loss(model(noisy, crop, step, robot, heading), clean)}
+    noisy = signal.sqrt() * clean + (1.0 - signal).sqrt() * drawn if noise else torch.zeros_like(clean)
+    return {"loss": functional.mse_loss(model(noisy=noisy, step=step, **condition), clean)}

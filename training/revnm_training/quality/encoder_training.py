@@ -131,7 +131,7 @@ def train_encoder(out: Path, *, steps: int, seed: int) -> float | None:
         network.load_state_dict(load_checkpoint(settings.out / CHECKPOINT, task.kind).averaged)
     network.cpu().to(memory_format=torch.contiguous_format)  # type: ignore[call-overload]
     out.parent.mkdir(parents=True, exist_ok=True)
-    graph = Graph(FeatureGraph(network), {"depth": (1, ENCODER_PX, ENCODER_PX)}, "features", batched=True)
+    graph = Graph(FeatureGraph(network), {"depth": (1, ENCODER_PX, ENCODER_PX)}, ("features",), batched=True)
     return export_onnx(graph, out)
 
 

@@ -1,0 +1,133 @@
+"""The learnt driver over the map: corrects the planner's ways, and tells it what floor to expect where nobody saw it.
+
+route + map → window, way, goal  ┐
+disparity + place → crop, prior → exo2ego → ego depth  ┴→ policy → waypoints, beliefs
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from revnm_client.geometry import Pose2
+from revnm_server.ego_prior import ego_prior
+from revnm_server.floor_camera import FloorCamera
+from revnm_server.floor_grid import FloorGrid
+from revnm_server.map_navigator import MapRoute, NavigatorTick
+from revnm_server.map_window import WAY_POINTS, map_window
+from revnm_server.observation import (
+    Image32,
+    ImagePose,
+    ObservationSpec,
+    crop_around,
+    normalise_disparity,
+    normalise_pixel,
+)
+from revnm_server.ports import EgoDepth, EgoRequest, WayPolicy, WayRequest
+from revnm_server.site_map import SiteMap
+from revnm_server.stage_checks import check_array, timed
+from revnm_server.way import at_lengths
+
+_STEP_M = 0.01
+
+
+class MapDriver:
+    """Refines the routes of one camera's robots."""
+
+    def __init__(self, spec: ObservationSpec, *, exo2ego: EgoDepth, policy: WayPolicy, tag_height_m: float) -> None:
+        """Assemble it.
+
+        Args:
+            spec: What the networks observe.
+            exo2ego: Gives ego depth.
+            policy: Gives waypoints and beliefs.
+            tag_height_m: Of the robots' tags over the floor.
+        """
+        self._spec, self._exo2ego, self._policy, self._tag_m = spec, exo2ego, policy, tag_height_m
+
+    def refine(
+        self, tick: NavigatorTick, site: SiteMap, disparity: Image32, stamp_ns: int, timings_ms: dict[str, float]
+    ) -> tuple[dict[str, MapRoute], dict[str, Image32]]:
+        """Let the policy correct the routes that follow a way on the map, and tell the map what it believes.
+
+        Args:
+            tick: What the navigator made of the picture.
+            site: The map.
+            disparity: (h, w) of the picture.
+            stamp_ns: Its capture time.
+            timings_ms: Takes the durations of ``exo2ego`` and ``policy``.
+
+        Returns:
+            The routes of all robots, and the ego depth (ego_px, ego_px) of those that the policy led.
+        """
+        camera, grid = tick.calibration.camera, tick.grid
+        led = [robot for robot, route in tick.routes.items() if route.way_m is not None and route.aim_m is not None]
+        if camera is None or grid is None or not led:
+            return dict(tick.routes), {}
+        with timed(timings_ms, "exo2ego"):
+            egos = self._imagine(led, tick.places, camera, grid, site, disparity, stamp_ns)
+        with timed(timings_ms, "policy"):
+            scans = site.scans_alone()
+            requests = [
+                self._request(tick.routes[robot], tick.places[robot], grid, scans, ego)
+                for robot, ego in zip(led, egos, strict=True)
+            ]
+            waypoints, occupied = self._policy.correct(requests)
+            check_array("waypoints", waypoints, (len(led), self._spec.waypoints, 2))
+        for robot, belief in zip(led, occupied, strict=True):
+            site.believe(belief, tick.places[robot])
+        refined = {
+            robot: replace(tick.routes[robot], waypoints_m=each) for robot, each in zip(led, waypoints, strict=True)
+        }
+        return {**tick.routes, **refined}, dict(zip(led, egos, strict=True))
+
+    def _imagine(
+        self,
+        robots: Sequence[str],
+        places: Mapping[str, Pose2],
+        camera: FloorCamera,
+        grid: FloorGrid,
+        site: SiteMap,
+        disparity: Image32,
+        stamp_ns: int,
+    ) -> Image32:
+        """Return what the robots would see, (R, ego_px, ego_px)."""
+        spec, shown = self._spec, normalise_disparity(disparity)
+        aspect = camera.size_px[0] / camera.size_px[1]
+        requests = []
+        for robot in robots:
+            place = places[robot]
+            pose = image_pose(camera, place, self._tag_m)
+            crops = crop_around(shown, pose, aspect, spec)[None]
+            prior = ego_prior(site.lifted, grid, place, spec)
+            requests.append(EgoRequest(robot, stamp_ns, pose, crops, prior))
+        egos = self._exo2ego.synthesise(requests)
+        check_array("ego depth", egos, (len(requests), spec.ego_px, spec.ego_px))
+        return egos
+
+    def _request(
+        self, route: MapRoute, place: Pose2, grid: FloorGrid, scans: Image32 | None, ego: Image32
+    ) -> WayRequest:
+        assert route.way_m is not None
+        assert route.aim_m is not None
+        lengths = self._spec.spacing_m * np.arange(1.0, WAY_POINTS + 1.0)
+        way = place.inverse().apply(at_lengths(route.way_m, lengths))
+        return WayRequest(map_window(grid, place, scans), way, place.inverse().apply(route.aim_m), ego)
+
+
+def image_pose(camera: FloorCamera, place: Pose2, tag_height_m: float) -> ImagePose:
+    """Return where a robot at a place on the floor, seen or hidden, is in the picture.
+
+    Behind the camera there is no such place: then it is the middle, heading up.
+    """
+    ahead = place @ Pose2(_STEP_M, 0.0, 0.0)
+    points = np.array([[*place[:2], tag_height_m], [*ahead[:2], tag_height_m]])
+    pixels, depths = camera.project(points)
+    step = pixels[1] - pixels[0]
+    length = math.hypot(*step)
+    if not (depths > 0.0).all() or not math.isfinite(length) or length < 1e-9:
+        return ImagePose(np.array([0.5, 0.5]), np.array([0.0, -1.0]))
+    return ImagePose(normalise_pixel(pixels[0], camera.size_px), step / length)
