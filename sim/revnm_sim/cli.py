@@ -52,6 +52,12 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
         lift_command.add_arguments(lift)
         lift.set_defaults(run=lift_command.run)
+    raycast = commands.add_parser("raycast", help="measure how fast exact depth images are made")
+    if words[:1] == ["raycast"]:
+        from revnm_sim import raycast_command
+
+        raycast_command.add_arguments(raycast)
+        raycast.set_defaults(run=raycast_command.run)
     calibration = commands.add_parser("calibration", help="measure how well a camera calibrates itself")
     if words[:1] == ["calibration"]:
         from revnm_sim import calibration_command

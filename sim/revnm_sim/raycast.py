@@ -8,6 +8,7 @@ Must not import PyBullet: training runs this without it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ __all__ = [
     "FLOOR",
     "SKY",
     "cast_depth",
+    "cast_depths",
     "cast_ids",
     "cast_scan",
     "disparity_from_depth",
@@ -66,6 +68,13 @@ def cast_depth(
     nearness, _ = paint_all(*arrays, ray_grid(camera, grid_hw), grid_hw)
     depth: Image32 = depth_of(nearness, max_depth_m)
     return depth
+
+
+def cast_depths(
+    arrays: PrimitiveArrays, cameras: Sequence[Camera], grid_hw: tuple[int, int], *, max_depth_m: float = math.inf
+) -> Image32:
+    """Return the depths of B cameras, (B, h, w), as of :func:`cast_depth`."""
+    return np.stack([cast_depth(arrays, camera, grid_hw, max_depth_m=max_depth_m) for camera in cameras])
 
 
 def cast_ids(

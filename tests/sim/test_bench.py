@@ -40,12 +40,13 @@ ARRIVED = TrialResult(
     geodesic_m=7.5,
     closest_m=0.2,
     blocked=True,
+    hidden_m=1.2,
     tick_p50_ms=4.0,
     robot_tick_p50_ms=2.0,
     track_m=[[0.0, 0.0], [6.0, 8.0]],
 )
 TOUCHED = replace(ARRIVED, success=False, collision=True, duration_s=5.0, path_m=2.0)
-LATE = replace(ARRIVED, success=False, timeout=True, duration_s=60.0, blocked=False, tick_p50_ms=10.0)
+LATE = replace(ARRIVED, success=False, timeout=True, duration_s=60.0, blocked=False, hidden_m=0.9, tick_p50_ms=10.0)
 
 
 def scenario(*primitives: Primitive, yaw_rad: float = 0.0) -> Scenario:
@@ -97,6 +98,9 @@ def test_rows_by_hand_one_for_each_world_method_and_perception() -> None:
         "collision_rate": 0.3333,
         "timeout_rate": 0.3333,
         "blocked_rate": 0.6667,
+        "hidden_trials": 2,
+        "hidden_success_rate": 0.5,
+        "hidden_spl": 0.4,  # 0.8 / 2
         "least_clearance_m": 0.2,
         "median_clearance_m": 0.2,
         "mean_success_s": 20.0,
@@ -125,6 +129,7 @@ def test_comparisons_are_of_the_trials_that_both_methods_have() -> None:
     assert found["difference"] == 0.2
     assert found["difference_low"] < 0.2 < found["difference_high"]
     assert found["mcnemar_p"] == 1.0  # 2 of 3 heads or worse, both sides
+    assert (found["hidden_trials"], found["hidden_difference"]) == (3, 0.6667)  # 0, 1 and 1
 
 
 def test_table_has_a_line_for_every_row_and_nothing_for_none() -> None:
@@ -181,6 +186,14 @@ def test_a_free_way_is_driven_straight_and_the_same_every_time(method: str) -> N
     assert straight_m - GOAL_RADIUS_M - 0.05 < result.path_m < straight_m
     assert straight_m / 0.5 - 1.5 < result.duration_s < 8.0  # 0.5 m/s, some of it to speed up and turn
     assert without_times(drive(scenario(yaw_rad=0.5), key)) == without_times(result)
+
+
+def test_a_way_under_a_shelf_is_hidden_from_above() -> None:
+    shelf = Primitive(Shape.BOX, (0.0, 0.0, 1.5), (1.0, 5.0, 0.05), 0.0, GREY)  # its shadow is 1.6 m wide
+    seen, hidden = (drive(place, replace(KEY, method="expert")) for place in (scenario(), scenario(shelf)))
+    assert seen.hidden_m == 0.0
+    assert hidden.hidden_m == pytest.approx(1.6 * math.hypot(2.0, 0.5) / 2.0, abs=0.1)
+    assert hidden.success
 
 
 def test_equal_keys_give_equal_trials_of_a_world_and_methods_share_it() -> None:

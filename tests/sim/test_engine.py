@@ -8,8 +8,8 @@ import pytest
 from distributed import LocalCluster
 
 from revnm_client.errors import ConfigError, LinkError
-from revnm_sim.bench.engine import Engine
 from revnm_sim.bench.trial import TrialKey, TrialResult, run_trial
+from revnm_sim.engine import Engine
 
 KEYS = [
     TrialKey("demo_room", "expert", "truth", 7, pair, camera, 0, 2, "any", "", "", "")

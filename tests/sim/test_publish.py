@@ -34,6 +34,7 @@ def result(success: bool) -> TrialResult:
         geodesic_m=setting.route.geodesic_m,
         closest_m=0.2,
         blocked=True,
+        hidden_m=0.0,
         tick_p50_ms=1.0,
         robot_tick_p50_ms=2.0,
         track_m=[list(start), list(np.mean([start, goal], axis=0)), *([list(goal)] if success else [])],

@@ -7,18 +7,22 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from distributed import LocalCluster
 
 from revnm_client.errors import ConfigError, ContractError, FileError
 from revnm_client.geometry import Pose2
+from revnm_sim.engine import Engine
 from revnm_sim.expert import INSCRIBED_M, Expert
 from revnm_sim.generator import TRAINING_SEED_BASE
 from revnm_sim.raycast import visible
 from revnm_sim.world import primitive_arrays
+from revnm_training import synth
 from revnm_training.episodes import EpisodeLayout, StateKind, read_episodes, read_layout, write_episodes
 from revnm_training.samples import build_world
-from revnm_training.states import NEAR_M, draw_history, make_scene
+from revnm_training.states import NEAR_M, SHARES, draw_history, make_scene
 from revnm_training.synth import RobotSpec, SynthConfig, make_episode, shard_path, synthesise
 
+ONE = Engine("local", 1)
 LAYOUT = EpisodeLayout(history=2, history_interval_s=0.5, waypoints=5, spacing_m=0.4)
 
 
@@ -144,7 +148,7 @@ def test_states_fit_are_seen_and_are_labelled_by_the_expert(episode) -> None:
     clearance = expert.grid.clearance_m(newest[:, :2])
     assert (clearance > INSCRIBED_M).all()
     assert (clearance[episode.kind == StateKind.NEAR] < INSCRIBED_M + NEAR_M).all()
-    assert set(episode.kind) == set(StateKind)
+    assert set(episode.kind) == set(SHARES)
     tags = np.column_stack([newest[:, :2], np.full(len(newest), RobotSpec().top_m)])
     arrays = primitive_arrays(world.primitives)
     assert visible(arrays, episode.camera, tags).all()
@@ -178,21 +182,32 @@ def test_a_past_is_a_drive_that_ends_in_the_present() -> None:
 
 
 def test_synthesis_is_repeatable_and_goes_on_where_it_stopped(tmp_path) -> None:
-    labelled, _ = synthesise(config(tmp_path), jobs=1)
+    labelled, _ = synthesise(config(tmp_path), ONE)
     path = shard_path(tmp_path, 7, 0)
     _, episodes = read_episodes(path)
     assert labelled == sum(len(episode.goal) for episode in episodes)
     before = path.read_bytes()
-    assert synthesise(config(tmp_path), jobs=1)[0] == 0
+    assert synthesise(config(tmp_path), ONE)[0] == 0
     path.unlink()
-    synthesise(config(tmp_path), jobs=1)
+    synthesise(config(tmp_path), ONE)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
+def test_a_dask_cluster_makes_the_same_episodes(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(synth, "SHARD_EPISODES", 1)
+    synthesise(config(tmp_path / "here"), ONE)
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        synthesise(config(tmp_path / "there"), Engine("dask", 2, cluster.scheduler_address))
+    here, there = (sorted((tmp_path / name).iterdir()) for name in ("here", "there"))
+    assert [path.name for path in here] == [path.name for path in there]
+    assert len(here) == 3
+    assert all(a.read_bytes() == b.read_bytes() for a, b in zip(here, there, strict=True))
+
+
 def test_a_folder_of_another_layout_is_refused(tmp_path) -> None:
-    synthesise(config(tmp_path, episodes=1), jobs=1)
+    synthesise(config(tmp_path, episodes=1), ONE)
     with pytest.raises(ConfigError, match="now asked for"):
-        synthesise(config(tmp_path, episodes=1, layout=replace(LAYOUT, history=1)), jobs=1)
+        synthesise(config(tmp_path, episodes=1, layout=replace(LAYOUT, history=1)), ONE)
     with pytest.raises(ConfigError, match="seed 1000"):
-        synthesise(config(tmp_path, seed=1000), jobs=1)
+        synthesise(config(tmp_path, seed=1000), ONE)

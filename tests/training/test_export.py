@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 
-from revnm_client.errors import FileError
+from revnm_client.errors import ConfigError, FileError
 from revnm_server.bundle import load_bundle
-from revnm_training.checkpoint import Checkpoint, save_checkpoint
+from revnm_training.checkpoint import Checkpoint, fill, load_checkpoint, save_checkpoint, save_weights
 from revnm_training.export import MapPolicyGraph, PolicyGraph, export_bundle, graphs
+from revnm_training.kept_part import kept_part
 from revnm_training.preset import Preset, load_preset
+from revnm_training.train_policy import policy_network
 
 
 @pytest.fixture(scope="module", params=["edge", "picture"])
@@ -68,5 +71,32 @@ def test_a_checkpoint_that_does_not_fit_leaves_the_old_bundle(
 
 
 def test_a_missing_kind_is_named(preset: Preset, checkpoints: dict[str, Path], tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="needs checkpoints of"):
+    with pytest.raises(ConfigError, match="no checkpoint or base for depth, exo2ego"):
         export_bundle(preset, {"policy": checkpoints["policy"]}, tmp_path / "bundle")
+
+
+def test_a_base_gives_what_has_no_checkpoint(preset: Preset, checkpoints: dict[str, Path], tmp_path: Path) -> None:
+    export_bundle(preset, checkpoints, tmp_path / "base")
+    with_exo2ego = {"exo2ego": checkpoints["exo2ego"]}
+    assert set(export_bundle(preset, with_exo2ego, tmp_path / "bundle", base=tmp_path / "base")) == {"exo2ego"}
+    base, bundle = (load_bundle(tmp_path / name).manifest for name in ("base", "bundle"))
+    assert bundle == base
+
+    smaller = replace(preset, observation=replace(preset.observation, ego_range_m=5.0))
+    assert kept_part(tmp_path / "base", "depth", smaller).path == tmp_path / "base" / "depth.onnx"
+    with pytest.raises(FileError, match=r"observation\.ego_range_m is 6\.0, but preset .* has 5\.0: its exo2ego"):
+        export_bundle(smaller, {"policy": checkpoints["policy"]}, tmp_path / "none", base=tmp_path / "base")
+    assert not (tmp_path / "none").exists()
+
+
+def test_small_weights_make_the_same_bundle(preset: Preset, checkpoints: dict[str, Path], tmp_path: Path) -> None:
+    save_weights(checkpoints, tmp_path / "weights")
+    small = {kind: tmp_path / "weights" / f"{kind}.pt" for kind in checkpoints}
+    assert sum(p.stat().st_size for p in small.values()) < 0.55 * sum(p.stat().st_size for p in checkpoints.values())
+    networks = []
+    for paths in (checkpoints, small):
+        network = policy_network(preset)
+        fill(network, load_checkpoint(paths["policy"], "policy"), paths["policy"])
+        networks.append(network.state_dict())
+    for name, value in networks[0].items():
+        torch.testing.assert_close(networks[1][name], value, rtol=1e-3, atol=1e-4)

@@ -18,6 +18,7 @@ from revnm_sim.occupancy import occupancy
 from revnm_sim.raycast import cast_depth, cast_scan, ego_camera
 from revnm_sim.world import primitive_arrays
 from revnm_training.cli import main
+from revnm_training.depth_metrics import depth_errors
 from revnm_training.preset import load_preset
 from revnm_training.quality.command import measure
 from revnm_training.quality.encoder import DepthEncoder, encoder_path
@@ -241,7 +242,7 @@ def test_the_encoder_learns_sectors() -> None:
 
 def test_the_command_measures_a_bundle_and_goes_on(tmp_path, capsys) -> None:
     bundle, out = write_tiny_bundle(tmp_path / "tiny"), tmp_path / "out"
-    arguments = ["quality", "--bundle", str(bundle), "--images", "64", "--jobs", "1", "--seed", "3"]
+    arguments = ["quality", "--bundle", str(bundle), "--images", "64", "--jobs", "1", "--seed", "3", "--pictures", "0"]
     worlds = ["--world", "random_pillar,demo_room"]
     assert main([*arguments, *worlds, "--out", str(out)]) == 0
     assert "| exo2ego" in capsys.readouterr().out
@@ -271,6 +272,52 @@ def test_the_command_measures_a_bundle_and_goes_on(tmp_path, capsys) -> None:
     assert (out / "views_random_pillar.npz").stat().st_mtime_ns == kept
 
 
+def test_the_prior_of_a_view_shows_where_the_floor_ends(tmp_path) -> None:
+    spec = load_bundle(write_tiny_bundle(tmp_path / "tiny", sees="map")).spec
+    spec = replace(spec, disparity_hw=(96, 128))
+    made = make_views("random_pillar", spec, count=40, seed=3, jobs=1, prior=True)
+    apart, blank, known = [], [], []
+    for view in made:
+        assert view.prior is not None
+        depth, seen = view.prior
+        sure = seen > 0.5
+        known.append(sure.mean())
+        apart.append(np.abs(depth - view.ego)[sure].mean())
+        blank.append(np.abs(1.0 - view.ego)[sure].mean())
+    assert np.mean(known) > 0.3
+    assert np.mean(apart) < 0.5 * np.mean(blank)
+    assert make_views("random_pillar", spec, count=2, seed=3, jobs=1)[0].prior is None
+
+
+def test_the_command_measures_a_bundle_whose_exo2ego_has_a_prior(tmp_path) -> None:
+    bundle, out = write_tiny_bundle(tmp_path / "tiny", sees="map"), tmp_path / "out"
+    arguments = ["quality", "--bundle", str(bundle), "--world", "demo_room", "--images", "26", "--pictures", "6"]
+    assert main([*arguments, "--jobs", "1", "--out", str(out)]) == 0
+    rows = json.loads((out / "report.json").read_text())["rows"]
+    assert [row["source"] for row in rows] == ["exo2ego", "blank", "depth"]
+    # Its depth network takes brightness for disparity: it is wrong, and not absurdly so.
+    assert 0.05 < rows[2]["abs_rel"] < 2.0
+    assert 0.02 < rows[2]["delta1"] < 0.95
+    assert rows[2]["pictures"] == 6
+
+
+def test_depth_errors_ignore_scale_and_shift() -> None:
+    true = 1.0 / np.random.default_rng(0).uniform(1.0, 9.0, (20, 30))
+    errors = depth_errors(5.0 * true - 0.4, true)
+    assert errors.abs_rel == pytest.approx(0.0, abs=1e-9)
+    assert errors.delta1 == 1.0
+    assert depth_errors(np.random.default_rng(1).random((20, 30)), true).abs_rel > 0.2
+
+
+def test_depth_errors_of_a_known_mistake() -> None:
+    # One disparity for all: the fit is the mean, 0.35, so depths 2 m and 5 m are both taken for 2.86 m.
+    true = np.array([[0.5, 0.2], [0.5, 0.2]])
+    errors = depth_errors(np.ones((2, 2)), true)
+    mean = 0.35
+    assert errors.abs_rel == pytest.approx(np.mean([0.5 / mean - 1.0, 1.0 - 0.2 / mean]))
+    assert errors.delta1 == 0.0
+
+
 def test_mistakes_of_quality_are_told(tmp_path, capsys) -> None:
     bundle, out = write_tiny_bundle(tmp_path / "tiny"), tmp_path / "out"
     out.mkdir()
@@ -287,6 +334,6 @@ def test_mistakes_of_quality_are_told(tmp_path, capsys) -> None:
     (out / "views_demo_room.npz").write_bytes(b"PK")
     assert "no readable views" in fails("--world", "demo_room", "--images", "8")
     (out / "views_demo_room.npz").unlink()
-    one_world = ["--world", "demo_room", "--images", "8", "--jobs", "1"]
+    one_world = ["--world", "demo_room", "--images", "8", "--pictures", "0", "--jobs", "1"]
     assert main(["quality", "--bundle", str(bundle), *one_world, "--out", str(out)]) == 0
     assert "another bundle" in fails("--world", "demo_room", "--images", "8", "--seed", "2")

@@ -14,6 +14,7 @@ from revnm_server.mission import Goal
 from revnm_server.observation import ImagePose, ObservationSpec, crop_around, exo_view, normalise_disparity
 from revnm_server.pipeline import Pipeline
 from revnm_sim.bench.methods.truth import TrueDisparity, TrueSightings
+from revnm_sim.engine import Engine
 from revnm_sim.raycast import cast_depth, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.scenario import Scenario
@@ -23,7 +24,8 @@ from revnm_training.augment import Disturbance, draw_error
 from revnm_training.cache import Column, cut_blocks, fill_cache
 from revnm_training.episodes import layout_of
 from revnm_training.pictures import render_pictures
-from revnm_training.sample_cache import render_samples, split
+from revnm_training.sample_cache import render_samples
+from revnm_training.sample_set import sample_set
 from revnm_training.samples import EpisodeRenderer, build_world
 from revnm_training.synth import SynthConfig, make_episode, synthesise
 
@@ -43,6 +45,8 @@ SPEC = ObservationSpec(
     spacing_m=0.4,
 )
 
+ONE = Engine("local", 1)
+
 
 def config(out: Path = Path(), episodes: int = 3) -> SynthConfig:
     return SynthConfig(out, episodes=episodes, goals=2, states=4, seed=3, hidden=False, layout=layout_of(SPEC))
@@ -58,7 +62,7 @@ def episode():
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("data")
-    synthesise(config(folder), jobs=1)
+    synthesise(config(folder), ONE)
     return folder
 
 
@@ -214,9 +218,10 @@ def test_an_interrupted_cache_goes_on_with_what_misses(tmp_path) -> None:
 
 def test_split_holds_out_whole_worlds() -> None:
     episode = np.repeat(np.arange(200, dtype=np.int32), 3)
-    train, validation = split(episode)
-    assert sorted({*episode[validation]}) == list(range(194, 200))  # 3 % of 200
-    assert len(train) == 194 * 3
+    samples = sample_set(Path(), {"episode": episode})
+    assert sorted({*episode[samples.validation]}) == list(range(194, 200))  # 3 % of 200
+    assert len(samples.train) == 194 * 3
+    assert samples.worlds == 200
 
 
 def test_pictures_come_with_their_disparity(tmp_path) -> None:

@@ -7,17 +7,18 @@ the data.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from revnm_training.sample_set import Rows
+
 _NOISE = 0.01
 
 
-def gather(columns: Mapping[str, NDArray[Any]], names: Sequence[str], index: NDArray[np.int64]) -> dict[str, Tensor]:
+def gather(columns: Mapping[str, Rows], names: Sequence[str], index: NDArray[np.int64]) -> dict[str, Tensor]:
     """Copy items of memory-mapped columns into tensors, in the order of ``index``."""
     order = np.argsort(index)  # neighbours in a file are read together
     back, ascending = np.argsort(order), index[order]

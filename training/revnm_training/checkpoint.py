@@ -6,12 +6,13 @@ Loaded with ``weights_only``: a checkpoint can hold tensors, numbers and text, n
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from revnm_client.errors import FileError
 
@@ -70,3 +71,43 @@ def load_checkpoint(path: Path, kind: str) -> Checkpoint:
     if content["kind"] != kind:
         raise FileError(f"{path}: a checkpoint of kind {content['kind']!r}, expected {kind!r}")
     return Checkpoint(**content)
+
+
+def load_trained(path: Path, kind: str, preset: str) -> Checkpoint:
+    """Read a checkpoint of a preset.
+
+    Raises:
+        FileError: As :func:`load_checkpoint`, or it is of another preset.
+    """
+    checkpoint = load_checkpoint(path, kind)
+    if checkpoint.preset != preset:
+        raise FileError(f"{path}: trained with preset {checkpoint.preset!r}, not {preset!r}")
+    return checkpoint
+
+
+def fill(network: nn.Module, checkpoint: Checkpoint, path: Path) -> None:
+    """Fill a network with a checkpoint's averaged weights.
+
+    Raises:
+        FileError: The weights are not the network's; the text names the path.
+    """
+    try:
+        network.load_state_dict(checkpoint.averaged)
+    except RuntimeError as error:
+        what = f"weights do not fit the {checkpoint.kind} network of preset {checkpoint.preset!r}"
+        raise FileError(f"{path}: {what}: {error}") from error
+
+
+def save_weights(checkpoints: Mapping[str, Path], folder: Path) -> None:
+    """Write the averaged weights of checkpoints, by kind, in half precision and without what only their runs need.
+
+    Other runs begin with them and bundles are exported from them; the runs themselves cannot go on from them.
+
+    Raises:
+        FileError: As :func:`load_checkpoint`.
+    """
+    loaded = {kind: load_checkpoint(path, kind) for kind, path in checkpoints.items()}
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind, checkpoint in loaded.items():
+        averaged = {name: x.half() if x.is_floating_point() else x for name, x in checkpoint.averaged.items()}
+        save_checkpoint(folder / f"{kind}.pt", replace(checkpoint, network={}, averaged=averaged, optimizer={}))

@@ -9,15 +9,11 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from revnm_client.errors import RevnmError
+from revnm_sim.engine import ENGINES, Engine
+from revnm_training.cli_runs import INTERRUPTED, add_dagger, add_depth, add_exo2ego, add_policy, add_preset
 from revnm_training.preset import load_preset
-
-if TYPE_CHECKING:
-    from revnm_training.trainer import RunSettings
-
-INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -38,66 +34,36 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="revnm-train", description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_synth(commands.add_parser("synth", help="make a data set of labelled episodes"))
-    _add_depth(commands.add_parser("depth", help="train the depth network"))
-    _add_exo2ego(commands.add_parser("exo2ego", help="train the denoiser that imagines ego depth"))
-    _add_policy(commands.add_parser("policy", help="train the navigation policy"))
+    add_depth(commands.add_parser("depth", help="train the depth network"))
+    add_exo2ego(commands.add_parser("exo2ego", help="train the denoiser that imagines ego depth"))
+    add_policy(commands.add_parser("policy", help="train the navigation policy"))
+    add_dagger(commands.add_parser("dagger", help="drive with the policy, label what it met, and train on"))
     _add_export(commands.add_parser("export", help="write a model bundle and check it against PyTorch"))
-    _add_quality(commands.add_parser("quality", help="measure a bundle's imagined ego depth against the truth"))
+    _add_quality(commands.add_parser("quality", help="measure a bundle's imagined ego depth, and its depth network"))
     _add_quality_encoder(commands.add_parser("quality-encoder", help="train the encoder that quality compares by"))
     return parser
 
 
-def _add_preset(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--preset", default="edge", help="edge, paper or a YAML file (default: edge)")
-
-
-def _add_run(parser: argparse.ArgumentParser) -> None:
-    _add_preset(parser)
-    parser.add_argument("--cache", type=Path, required=True, help="folder for rendered data, made once and kept")
-    parser.add_argument("--out", type=Path, required=True, help="folder for checkpoint and logs")
-    parser.add_argument("--steps", type=int, required=True, help="length of the run and of its schedule")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=2, help="processes that render (default: 2)")
-    parser.add_argument("--precision", choices=("bf16-mixed", "32-true"), default="bf16-mixed")
-    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
-
-
 def _add_synth(parser: argparse.ArgumentParser) -> None:
-    _add_preset(parser)
+    add_preset(parser)
     parser.add_argument("--episodes", type=int, required=True, help="worlds, each seen by one camera")
     parser.add_argument("--goals", type=int, default=2, help="goals of an episode (default: 2)")
     parser.add_argument("--states", type=int, default=10, help="states of a goal (default: 10)")
     parser.add_argument("--out", type=Path, required=True, help="folder of the data set")
     parser.add_argument("--seed", type=int, default=0, help="0 to 999; other seeds have other worlds")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes, or calls to a cluster at a time (default: 2)")
+    parser.add_argument("--engine", choices=ENGINES, default="local", help="where it is made (default: local)")
+    parser.add_argument("--address", default="", help="scheduler of the Ray or Dask cluster; without it one is started")
     parser.set_defaults(command=_synth)
 
 
-def _add_depth(parser: argparse.ArgumentParser) -> None:
-    _add_run(parser)
-    parser.add_argument("--pictures", type=int, default=12000, help="pictures to render (default: 12000)")
-    parser.set_defaults(command=_depth)
-
-
-def _add_exo2ego(parser: argparse.ArgumentParser) -> None:
-    _add_run(parser)
-    parser.add_argument("--data", type=Path, required=True, help="folder of episodes")
-    parser.set_defaults(command=_exo2ego)
-
-
-def _add_policy(parser: argparse.ArgumentParser) -> None:
-    _add_run(parser)
-    parser.add_argument("--data", type=Path, required=True, help="folder of episodes")
-    parser.add_argument("--exo2ego", type=Path, help="checkpoint of the denoiser; without it ego depth is exact")
-    parser.set_defaults(command=_policy)
-
-
 def _add_export(parser: argparse.ArgumentParser) -> None:
-    _add_preset(parser)
-    parser.add_argument("--policy", type=Path, required=True, help="checkpoint")
-    parser.add_argument("--exo2ego", type=Path, required=True, help="checkpoint")
-    parser.add_argument("--depth", type=Path, required=True, help="checkpoint")
+    add_preset(parser)
+    for kind in ("policy", "exo2ego", "depth"):
+        parser.add_argument(f"--{kind}", type=Path, help="checkpoint; without it --base gives the network")
+    parser.add_argument("--base", type=Path, help="bundle whose networks are taken over where a checkpoint lacks")
     parser.add_argument("--out", type=Path, required=True, help="folder of the bundle")
+    parser.add_argument("--weights", type=Path, help="folder for small checkpoints to train on from")
     parser.add_argument("--report", type=Path, action="append", default=[], help="report.json for the manifest")
     parser.set_defaults(command=_export)
 
@@ -110,6 +76,7 @@ def _add_quality(parser: argparse.ArgumentParser) -> None:
         help="comma-separated names or paths of worlds (default: random_pillar,bookstore,warehouse)",
     )
     parser.add_argument("--images", type=int, default=5000, help="images of a world (default: 5000)")
+    parser.add_argument("--pictures", type=int, default=300, help="pictures of a world for the depth network")
     parser.add_argument("--steps", type=int, help="diffusion steps (default: the bundle's)")
     parser.add_argument("--seed", type=int, default=1000, help="of worlds, cameras and states (default: 1000)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
@@ -137,51 +104,21 @@ def _synth(options: argparse.Namespace) -> int:
         hidden=True,
         layout=layout_of(load_preset(options.preset).observation),
     )
-    labelled, seconds = synthesise(config, jobs=options.jobs)
+    labelled, seconds = synthesise(config, Engine(options.engine, options.jobs, options.address))
     print(f"{labelled} labelled samples in {seconds:.1f} s: {labelled / max(seconds, 1e-9):.0f} samples/s")
     return 0
 
 
-def _depth(options: argparse.Namespace) -> int:
-    from revnm_training.train_depth import train_depth
-
-    done = train_depth(
-        load_preset(options.preset),
-        _settings(options),
-        cache=options.cache,
-        pictures=options.pictures,
-        jobs=options.jobs,
-    )
-    return _report(options, done)
-
-
-def _exo2ego(options: argparse.Namespace) -> int:
-    from revnm_training.train_exo2ego import train_exo2ego
-
-    preset = load_preset(options.preset)
-    done = train_exo2ego(preset, _settings(options), data=options.data, cache=options.cache, jobs=options.jobs)
-    return _report(options, done)
-
-
-def _policy(options: argparse.Namespace) -> int:
-    from revnm_training.train_policy import train_policy
-
-    done = train_policy(
-        load_preset(options.preset),
-        _settings(options),
-        data=options.data,
-        cache=options.cache,
-        exo2ego=options.exo2ego,
-        jobs=options.jobs,
-    )
-    return _report(options, done)
-
-
 def _export(options: argparse.Namespace) -> int:
+    from revnm_training.checkpoint import save_weights
     from revnm_training.export import export_bundle
 
-    checkpoints = {"policy": options.policy, "exo2ego": options.exo2ego, "depth": options.depth}
-    differences = export_bundle(load_preset(options.preset), checkpoints, options.out, reports=options.report)
+    named = {"policy": options.policy, "exo2ego": options.exo2ego, "depth": options.depth}
+    checkpoints = {kind: path for kind, path in named.items() if path is not None}
+    preset = load_preset(options.preset)
+    differences = export_bundle(preset, checkpoints, options.out, base=options.base, reports=options.report)
+    if options.weights is not None:
+        save_weights(checkpoints, options.weights)
     for kind, difference in differences.items():
         print(f"{kind}: ONNX and PyTorch differ by at most {difference:.1e}")
     return 0
@@ -195,6 +132,7 @@ def _quality(options: argparse.Namespace) -> int:
         bundle=options.bundle or default_bundle_path(),
         worlds=tuple(dict.fromkeys(options.world.split(","))),
         images=options.images,
+        pictures=options.pictures,
         steps=options.steps,
         seed=options.seed,
         jobs=options.jobs,
@@ -214,24 +152,3 @@ def _quality_encoder(options: argparse.Namespace) -> int:
         return INTERRUPTED
     print(f"{options.out}: sha256 {file_sha256(options.out)}, ONNX and PyTorch differ by at most {difference:.1e}")
     return 0
-
-
-def _settings(options: argparse.Namespace) -> RunSettings:
-    from revnm_training.trainer import RunSettings
-
-    return RunSettings(
-        out=options.out,
-        preset=load_preset(options.preset).name,
-        steps=options.steps,
-        seed=options.seed,
-        precision=options.precision,
-        resume=options.resume,
-    )
-
-
-def _report(options: argparse.Namespace, done: bool) -> int:
-    if done:
-        print(f"done: {options.out}")
-        return 0
-    print(f"stopped and saved: go on with --resume --out {options.out}", file=sys.stderr)
-    return INTERRUPTED

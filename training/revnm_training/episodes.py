@@ -38,11 +38,14 @@ _CAMERA_FIELDS = tuple(field.name for field in fields(Camera) if field.name != "
 
 
 class StateKind(IntEnum):
-    """How a state was chosen."""
+    """How a state was chosen: the first three by :mod:`states`, NEAR and the rest, from drives, by :mod:`visited`."""
 
     EXPERT = 0
     RANDOM = 1
     NEAR = 2
+    STUCK = 3
+    ASTRAY = 4
+    VISITED = 5
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,12 +5,11 @@ The averaged weights are exported. A bundle appears whole or not at all.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import shutil
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,13 +19,15 @@ import onnx
 import torch
 from torch import Tensor, nn
 
-from revnm_client.errors import ContractError, FileError
-from revnm_server.bundle import file_sha256, load_bundle
+from revnm_client.errors import ConfigError, ContractError, FileError
+from revnm_server.bundle import load_bundle
 from revnm_server.ego_prior import PRIOR_CHANNELS
 from revnm_server.inference import OnnxModel
 from revnm_server.manifest import MANIFEST
 from revnm_server.map_window import LAYERS, WAY_POINTS, WindowSpec
-from revnm_training.checkpoint import Checkpoint, load_checkpoint
+from revnm_training.bundle_manifest import bundle_manifest
+from revnm_training.checkpoint import Checkpoint, fill, load_trained
+from revnm_training.kept_part import kept_part
 from revnm_training.networks.act import ActPolicy
 from revnm_training.networks.depth_net import DepthNet
 from revnm_training.networks.dit import Denoiser
@@ -184,7 +185,12 @@ def _difference(graph: Graph, path: Path) -> float:
 
 
 def export_bundle(
-    preset: Preset, checkpoints: dict[str, Path], out: Path, *, reports: Sequence[Path] = ()
+    preset: Preset,
+    checkpoints: Mapping[str, Path],
+    out: Path,
+    *,
+    base: Path | None = None,
+    reports: Sequence[Path] = (),
 ) -> dict[str, float]:
     """Write a bundle and load it as the server does.
 
@@ -192,26 +198,35 @@ def export_bundle(
         preset: What the checkpoints were trained with.
         checkpoints: File by kind: ``policy``, ``exo2ego``, ``depth``.
         out: The bundle's folder; an earlier bundle there is replaced.
+        base: A bundle that gives the networks that have no checkpoint here, as they are.
         reports: ``report.json`` files of benchmarks of this bundle, for the manifest.
 
     Returns:
         The largest difference between ONNX and PyTorch by kind.
 
     Raises:
-        FileError: A checkpoint or report does not fit.
+        ConfigError: A network has neither checkpoint nor base, or one that the preset has no use for.
+        FileError: A checkpoint, the base or a report does not fit.
         ContractError: ONNX and PyTorch differ.
     """
     parts = graphs(preset)
-    if set(parts) != set(checkpoints):
-        raise FileError(f"preset {preset.name} needs checkpoints of {sorted(parts)}, got {sorted(checkpoints)}")
-    loaded = {kind: _load_weights(parts[kind], checkpoints[kind], kind, preset) for kind in parts}
+    missing, needless = sorted(set(parts) - set(checkpoints)), sorted(set(checkpoints) - set(parts))
+    if needless or (missing and base is None):
+        raise ConfigError(
+            f"preset {preset.name!r} has the networks {', '.join(parts)}: "
+            + (f"none for {', '.join(needless)}" if needless else f"no checkpoint or base for {', '.join(missing)}")
+        )
+    loaded = {kind: _load_weights(parts[kind], path, kind, preset) for kind, path in checkpoints.items()}
+    kept = {} if base is None else {kind: kept_part(base, kind, preset) for kind in missing}
     benchmark = [row for report in reports for row in _read_rows(report)]
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out.parent) as scratch:
         folder = Path(scratch) / "bundle"
         folder.mkdir()
-        differences = {kind: export_onnx(graph, folder / f"{kind}.onnx") for kind, graph in parts.items()}
-        manifest = _manifest(preset, loaded, folder, benchmark)
+        differences = {kind: export_onnx(parts[kind], folder / f"{kind}.onnx") for kind in loaded}
+        for kind, part in kept.items():
+            shutil.copyfile(part.path, folder / f"{kind}.onnx")
+        manifest = bundle_manifest(preset, loaded, kept, folder, benchmark)
         (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
         load_bundle(folder)
         if out.exists():
@@ -221,16 +236,9 @@ def export_bundle(
 
 
 def _load_weights(graph: Graph, path: Path, kind: str, preset: Preset) -> Checkpoint:
-    checkpoint = load_checkpoint(path, kind)
-    if checkpoint.preset != preset.name:
-        raise FileError(f"{path}: trained with preset {checkpoint.preset!r}, not {preset.name!r}")
+    checkpoint = load_trained(path, kind, preset.name)
     network = graph.network
-    if isinstance(network, PolicyGraph | MapPolicyGraph):
-        network = network.policy
-    try:
-        network.load_state_dict(checkpoint.averaged)
-    except RuntimeError as error:
-        raise FileError(f"{path}: weights do not fit preset {preset.name!r}: {error}") from error
+    fill(network.policy if isinstance(network, PolicyGraph | MapPolicyGraph) else network, checkpoint, path)
     return checkpoint
 
 
@@ -240,46 +248,3 @@ def _read_rows(report: Path) -> list[dict[str, Any]]:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise FileError(f"{report}: no benchmark report with rows: {error}") from error
     return list(rows)
-
-
-def _manifest(
-    preset: Preset, checkpoints: dict[str, Checkpoint], folder: Path, benchmark: list[dict[str, Any]]
-) -> dict[str, Any]:
-    def entry(kind: str) -> dict[str, Any]:
-        name = f"{kind}.onnx"
-        return {"file": name, "sha256": file_sha256(folder / name)}
-
-    models = {kind: entry(kind) for kind in checkpoints}
-    exo2ego = preset.exo2ego
-    models["policy"] |= {"sees": "picture" if preset.map_policy is None else "map"}
-    models["exo2ego"] |= {
-        "steps": exo2ego.steps,
-        "schedule": "cosine",
-        "prior": exo2ego.prior,
-        "noise": exo2ego.noise,
-    }
-    if preset.depth is not None:
-        models["depth"] |= {"kind": "disparity", "mean": preset.depth.mean, "std": preset.depth.std}
-    recipe = {
-        "preset": dataclasses.asdict(preset),
-        "runs": {
-            kind: {
-                "seed": c.seed,
-                "steps": c.steps,
-                **{k: c.record[k] for k in c.record if k != "validation"},
-            }
-            for kind, c in checkpoints.items()
-        },
-    }
-    return {
-        "format": 2,
-        "name": preset.name,
-        "observation": dataclasses.asdict(preset.observation),
-        "models": models,
-        "recipe": recipe,
-        "data": {kind: c.record.get("data", {}) for kind, c in checkpoints.items()},
-        "results": {
-            "validation": {kind: c.record["validation"] for kind, c in checkpoints.items()},
-            "benchmark": benchmark,
-        },
-    }

@@ -25,15 +25,9 @@ from revnm_training.map_samples import (
 )
 from revnm_training.map_scene import MapFaults
 from revnm_training.preset import Preset
-from revnm_training.sample_cache import (
-    SampleBlock,
-    SampleSet,
-    data_files,
-    plan_blocks,
-    render_samples,
-    split,
-    to_bytes,
-)
+from revnm_training.render_device import RenderDevice, depth_caster
+from revnm_training.sample_cache import SampleBlock, data_files, plan_blocks, render_samples, to_bytes
+from revnm_training.sample_set import SampleSet, sample_set
 
 FORMAT = 1
 UNREACHED = 255
@@ -49,22 +43,23 @@ class MapSampleRenderer:
     seed: int
     sources: tuple[SampleBlock, ...]
     first_episode: tuple[int, ...]
+    device: RenderDevice
 
     def __call__(self, block: Block) -> Arrays:
         """Return the columns of a block."""
-        source = self.sources[block.index]
+        source, cast = self.sources[block.index], depth_caster(self.device)
         _, episodes = read_episodes(source.path)
         samples: list[MapSample] = []
         owners: list[int] = []
         for offset, episode in enumerate(episodes[source.first : source.first + source.count]):
             number = self.first_episode[block.index] + offset
             rng = np.random.default_rng((self.seed, number))
-            samples += MapEpisodeRenderer(episode, self.spec, self.faults, rng).samples()
+            samples += MapEpisodeRenderer(episode, self.spec, self.faults, rng, cast).samples()
             owners += [number] * (len(samples) - len(owners))
         return _pack(samples, owners)
 
 
-def rendered(preset: Preset, data: Path, folder: Path, *, jobs: int) -> SampleSet:
+def rendered(preset: Preset, data: Path, folder: Path, *, jobs: int, device: RenderDevice) -> SampleSet:
     """Render what the networks of a preset see of a data set, or open it where that is done.
 
     Raises:
@@ -72,12 +67,19 @@ def rendered(preset: Preset, data: Path, folder: Path, *, jobs: int) -> SampleSe
         ConfigError: The episodes are labelled for another observation, or the cache is of another recipe.
     """
     if preset.map_policy is None:
-        return render_samples(data, folder, preset.observation, jobs=jobs)
-    return render_map_samples(data, folder, preset.observation, jobs=jobs)
+        return render_samples(data, folder, preset.observation, jobs=jobs, device=device)
+    return render_map_samples(data, folder, preset.observation, jobs=jobs, device=device)
 
 
 def render_map_samples(
-    data: Path, folder: Path, spec: ObservationSpec, *, jobs: int, seed: int = 0, faults: MapFaults | None = None
+    data: Path,
+    folder: Path,
+    spec: ObservationSpec,
+    *,
+    jobs: int,
+    device: RenderDevice = "cpu",
+    seed: int = 0,
+    faults: MapFaults | None = None,
 ) -> SampleSet:
     """Render a data set into a cache, or open it where that is done.
 
@@ -91,6 +93,7 @@ def render_map_samples(
         folder: Folder of the cache.
         spec: What the networks see.
         jobs: Processes.
+        device: Casts ego depth.
         seed: Of the errors.
         faults: How wrong maps are; their defaults where None.
 
@@ -121,10 +124,9 @@ def render_map_samples(
         "faults": asdict(errors),
         "seed": seed,
     }
-    render = MapSampleRenderer(spec, errors, seed, tuple(sources), tuple(first_episode))
+    render = MapSampleRenderer(spec, errors, seed, tuple(sources), tuple(first_episode), device)
     arrays = fill_cache(folder, recipe=recipe, columns=columns, blocks=blocks, render=render, jobs=jobs)
-    train, validation = split(np.asarray(arrays["episode"]))
-    return SampleSet(folder, arrays, train, validation)
+    return sample_set(folder, arrays)
 
 
 def _pack(samples: Sequence[MapSample], owners: Sequence[int]) -> dict[str, NDArray[Any]]:

@@ -30,11 +30,12 @@ from revnm_server.travel_cost import CostSettings, travel_cost
 from revnm_sim.expert import CostToGo, Expert
 from revnm_sim.occupancy import OccupancyGrid
 from revnm_sim.potential import march, waypoints_of
-from revnm_sim.raycast import cast_depth, ego_camera
+from revnm_sim.raycast import cast_depths, ego_camera
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.world import primitive_arrays
 from revnm_training.episodes import Episode
 from revnm_training.map_scene import MapFaults, MapScene
+from revnm_training.render_device import DepthCaster
 from revnm_training.samples import build_world
 
 COST_RANGE_M = 8.0
@@ -83,11 +84,19 @@ class MapSample:
 class MapEpisodeRenderer:
     """Renders the states of one episode in order."""
 
-    def __init__(self, episode: Episode, spec: ObservationSpec, faults: MapFaults, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        episode: Episode,
+        spec: ObservationSpec,
+        faults: MapFaults,
+        rng: np.random.Generator,
+        cast: DepthCaster = cast_depths,
+    ) -> None:
         self._episode, self._spec, self._rng = episode, spec, rng
         world = build_world(episode.family, episode.world_seed)
         self._expert = Expert(world)
-        self._arrays = primitive_arrays(world.primitives)
+        robots = [ego_camera(Pose2(*pose), spec) for pose in episode.poses[:, -1]]
+        self._egos = cast(primitive_arrays(world.primitives), robots, (spec.ego_px, spec.ego_px))
         self._scene = MapScene(world, episode.camera, spec.disparity_hw, faults, rng)
         self._disparity = normalise_disparity(self._scene.disparity)
         self._window = WindowSpec()
@@ -114,36 +123,29 @@ class MapEpisodeRenderer:
                 if potential is None or count % _REPLAN_STATES == 0:
                     potential = _potential(grid, place)
                 way = _way(grid, potential, robot, place)
-                found.append(self._sample(pose, robot, place, grid, way, field, episode.waypoints_m[state]))
+                found.append(self._sample(int(state), robot, place, grid, way, field))
         return found
 
     def _sample(
-        self,
-        pose: Pose2,
-        robot: Pose2,
-        goal_m: FloatArray,
-        grid: FloorGrid,
-        way: FloatArray,
-        field: CostToGo,
-        waypoints: NDArray[np.float32],
+        self, state: int, robot: Pose2, goal_m: FloatArray, grid: FloorGrid, way: FloatArray, field: CostToGo
     ) -> MapSample:
         scene, spec, camera = self._scene, self._spec, self._episode.camera
+        pose = Pose2(*self._episode.poses[state, -1])
         size = (camera.width_px, camera.height_px)
         sighting = see_robot(camera, pose, RobotSpec(), robot="rover", stamp_ns=0)
         seen = ImagePose(normalise_pixel(sighting.pixel, size), sighting.heading)
-        ego = cast_depth(self._arrays, ego_camera(pose, spec), (spec.ego_px, spec.ego_px))
         return MapSample(
             layers=map_window(grid, robot, scene.lidar(), self._window),
             way=way,
             goal=robot.inverse().apply(goal_m),
             crop=crop_around(self._disparity, seen, size[0] / size[1], spec),
             prior=ego_prior(scene.lifted, grid, robot, spec),
-            ego=normalise_ego_depth(ego, spec),
+            ego=normalise_ego_depth(self._egos[state], spec),
             robot=seen.p_rob,
             heading=seen.q_rel,
             occupied=occupied_window(self._expert.grid, pose, self._points_m, self._window.cell_m),
             cost=_cost_window(field, pose, self._points_m[::COST_STRIDE, ::COST_STRIDE]),
-            waypoints=np.asarray(waypoints, dtype=np.float64),
+            waypoints=np.asarray(self._episode.waypoints_m[state], dtype=np.float64),
         )
 
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
-from revnm_server.bundle import default_bundle_path, load_depth_bundle
-from revnm_server.depth import OnnxDepth
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.floor_map import Body, FloorMapper, take_out
@@ -31,6 +30,9 @@ from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.sensors import Lidar, LidarSpec
 from revnm_sim.shade import shade
 from revnm_sim.world import World, primitive_arrays
+
+if TYPE_CHECKING:
+    from revnm_server.depth import OnnxDepth
 
 _NS_PER_S = 1e9
 _BEAMS = 360
@@ -65,6 +67,12 @@ class MapFaults:
     height: float = 0.02
     place_m: float = 0.02
     heading_rad: float = math.radians(1.5)
+
+
+EXACT = MapFaults(
+    exact=1.0, network=0.0, focal=0.0, pitch_rad=0.0, roll_rad=0.0, height=0.0, place_m=0.0, heading_rad=0.0
+)
+"""Nothing is wrong."""
 
 
 class MapScene:
@@ -166,7 +174,10 @@ def _disparity(
 
 @functools.cache
 def _network() -> OnnxDepth:
-    """Return the shipped depth network, loaded once a process."""
+    """Return the shipped depth network, loaded once a process; nothing else here needs ONNX."""
+    from revnm_server.bundle import default_bundle_path, load_depth_bundle
+    from revnm_server.depth import OnnxDepth
+
     return OnnxDepth(load_depth_bundle(default_bundle_path(), threads=1))
 
 

@@ -24,7 +24,7 @@ from revnm_sim.robot import RobotSpec
 from revnm_sim.shade import shade
 from revnm_sim.world import Primitive, Shape, World, primitive_arrays
 from revnm_training.cache import Arrays, Block, Column, cut_blocks, fill_cache
-from revnm_training.sample_cache import VALIDATION_SHARE
+from revnm_training.sample_set import VALIDATION_SHARE
 from revnm_training.samples import build_world
 from revnm_training.states import make_scene
 from revnm_training.synth import FAMILIES, WORLDS_PER_SEED, draw_camera

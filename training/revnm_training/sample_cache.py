@@ -18,10 +18,11 @@ from revnm_server.observation import ObservationSpec
 from revnm_training.augment import Disturbance
 from revnm_training.cache import Arrays, Block, Column, fill_cache
 from revnm_training.episodes import layout_of, read_episodes, read_layout
+from revnm_training.render_device import RenderDevice, depth_caster
+from revnm_training.sample_set import SampleSet, sample_set
 from revnm_training.samples import EpisodeRenderer, Sample
 
 FORMAT = 1
-VALIDATION_SHARE = 0.03
 _EPISODES_PER_BLOCK = 25
 
 
@@ -43,48 +44,21 @@ class SampleRenderer:
     seed: int
     sources: tuple[SampleBlock, ...]
     first_episode: tuple[int, ...]
+    device: RenderDevice
 
     def __call__(self, block: Block) -> Arrays:
         """Return the columns of a block."""
-        source = self.sources[block.index]
+        source, cast = self.sources[block.index], depth_caster(self.device)
         _, episodes = read_episodes(source.path)
         samples: list[Sample] = []
         owners: list[int] = []
         for offset, episode in enumerate(episodes[source.first : source.first + source.count]):
             number = self.first_episode[block.index] + offset
             rng = np.random.default_rng((self.seed, number))
-            renderer = EpisodeRenderer(episode, self.spec)
+            renderer = EpisodeRenderer(episode, self.spec, cast=cast)
             samples += [renderer.sample(s, rng, self.disturbance) for s in range(len(episode.goal))]
             owners += [number] * len(episode.goal)
         return _pack(samples, owners)
-
-
-@dataclass(frozen=True, slots=True)
-class SampleSet:
-    """Rendered samples, memory-mapped.
-
-    Attributes:
-        folder: Where they live.
-        columns: By name: ``exo`` (M, N, h, w), ``crop`` (M, N, c, c) and ``ego`` (M, N, e, e) uint8, 0 to 255 for
-            [0, 1], of ``ego`` for [−1, 1]; ``robot``, ``heading``, ``goal`` (M, 2) and ``waypoints`` (M, H, 2)
-            float32; ``episode`` (M,) int32.
-        train: Numbers of the samples to train on.
-        validation: Numbers of held-out samples: of other worlds.
-    """
-
-    folder: Path
-    columns: dict[str, NDArray[Any]]
-    train: NDArray[np.int64]
-    validation: NDArray[np.int64]
-
-    def describe(self) -> dict[str, Any]:
-        """Return the numbers of samples and worlds, for records."""
-        episode = self.columns["episode"]
-        return {
-            "train_samples": len(self.train),
-            "validation_samples": len(self.validation),
-            "worlds": len(np.unique(episode)),
-        }
 
 
 def data_files(folder: Path) -> list[Path]:
@@ -100,7 +74,14 @@ def data_files(folder: Path) -> list[Path]:
 
 
 def render_samples(
-    data: Path, folder: Path, spec: ObservationSpec, *, jobs: int, seed: int = 0, disturbance: Disturbance | None = None
+    data: Path,
+    folder: Path,
+    spec: ObservationSpec,
+    *,
+    jobs: int,
+    device: RenderDevice = "cpu",
+    seed: int = 0,
+    disturbance: Disturbance | None = None,
 ) -> SampleSet:
     """Render a data set into a cache, or open it where that is done.
 
@@ -109,6 +90,7 @@ def render_samples(
         folder: Folder of the cache.
         spec: What the networks see.
         jobs: Processes.
+        device: Casts ego depth.
         seed: Of the disturbances.
         disturbance: Errors of depth network and tag detector; their defaults where None.
 
@@ -135,18 +117,9 @@ def render_samples(
         "disturbance": asdict(errors),
         "seed": seed,
     }
-    render = SampleRenderer(spec, errors, seed, tuple(sources), tuple(first_episode))
+    render = SampleRenderer(spec, errors, seed, tuple(sources), tuple(first_episode), device)
     arrays = fill_cache(folder, recipe=recipe, columns=columns, blocks=blocks, render=render, jobs=jobs)
-    train, validation = split(np.asarray(arrays["episode"]))
-    return SampleSet(folder, arrays, train, validation)
-
-
-def split(episode: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Split samples by their episodes: the last 3 % of the worlds, at least one, are held out."""
-    numbers = np.unique(episode)
-    held_out = max(1, round(VALIDATION_SHARE * len(numbers)))
-    is_held_out = episode >= numbers[-held_out]
-    return np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
+    return sample_set(folder, arrays)
 
 
 def plan_blocks(files: Sequence[Path], spec: ObservationSpec) -> tuple[list[SampleBlock], list[int], list[Block]]:

@@ -9,6 +9,7 @@ Symbols: N frames of history (the newest last), H waypoints, R = 1 robot.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,12 +29,13 @@ from revnm_server.observation import (
     normalise_pixel,
 )
 from revnm_sim.camera import Camera
-from revnm_sim.raycast import cast_depth, disparity_from_depth, ego_camera, overlay_depth, robot_primitive
+from revnm_sim.raycast import cast_depth, cast_depths, disparity_from_depth, ego_camera, overlay_depth, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.world import World, primitive_arrays
 from revnm_sim.worlds import generated_world, is_generated
 from revnm_training.augment import DisparityError, Disturbance, draw_error
 from revnm_training.episodes import Episode
+from revnm_training.render_device import DepthCaster
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +81,16 @@ def goal_pixel(camera: Camera, goal_m: FloatArray) -> FloatArray:
 class SceneRenderer:
     """Renders exactly what there is to see in one world with one camera: the background is cast once."""
 
-    def __init__(self, world: World, camera: Camera, spec: ObservationSpec, *, robot: RobotSpec | None = None) -> None:
-        self._camera = camera
-        self._spec = spec
+    def __init__(
+        self,
+        world: World,
+        camera: Camera,
+        spec: ObservationSpec,
+        *,
+        robot: RobotSpec | None = None,
+        cast: DepthCaster = cast_depths,
+    ) -> None:
+        self._camera, self._spec, self._cast = camera, spec, cast
         self._robot = robot or RobotSpec()
         self._arrays = primitive_arrays(world.primitives)
         self._background = cast_depth(self._arrays, camera, spec.disparity_hw)
@@ -99,21 +108,30 @@ class SceneRenderer:
         """Return what a perfect tag detector reports of a robot at ``world_from_robot``."""
         return see_robot(self._camera, pose, self._robot, robot="robot", stamp_ns=0)
 
-    def ego(self, pose: Pose2) -> Image32:
-        """Return the ego depth (ego_px, ego_px) in [−1, 1] of a robot at ``world_from_robot``."""
+    def egos(self, poses: Sequence[Pose2]) -> Image32:
+        """Return the ego depths (B, ego_px, ego_px) in [−1, 1] of robots at B poses, ``world_from_robot``."""
         side = self._spec.ego_px
-        depth = cast_depth(self._arrays, ego_camera(pose, self._spec), (side, side))
-        return normalise_ego_depth(depth, self._spec)
+        depths = self._cast(self._arrays, [ego_camera(pose, self._spec) for pose in poses], (side, side))
+        return normalise_ego_depth(depths, self._spec)
 
 
 class EpisodeRenderer:
     """Renders the samples of one episode."""
 
-    def __init__(self, episode: Episode, spec: ObservationSpec, *, robot: RobotSpec | None = None) -> None:
+    def __init__(
+        self,
+        episode: Episode,
+        spec: ObservationSpec,
+        *,
+        robot: RobotSpec | None = None,
+        cast: DepthCaster = cast_depths,
+    ) -> None:
         self._episode = episode
         self._spec = spec
         world = build_world(episode.family, episode.world_seed)
-        self._scene = SceneRenderer(world, episode.camera, spec, robot=robot)
+        self._scene = SceneRenderer(world, episode.camera, spec, robot=robot, cast=cast)
+        egos = self._scene.egos([Pose2(*pose) for pose in episode.poses.reshape(-1, 3)])
+        self._egos = egos.reshape(*episode.poses.shape[:2], spec.ego_px, spec.ego_px)
         self._low, self._high = np.percentile(self._scene.background(), (2.0, 98.0))
 
     def sample(self, state: int, rng: np.random.Generator, disturbance: Disturbance | None) -> Sample:
@@ -135,7 +153,7 @@ class EpisodeRenderer:
         return Sample(
             exo=np.stack([exo_view(disparity, spec) for disparity in disparities]),
             crop=np.stack([crop_around(disparity, pose, aspect, spec) for disparity in disparities]),
-            ego=np.stack([self._scene.ego(earlier) for earlier in poses]),
+            ego=self._egos[state],
             robot=pose.p_rob,
             heading=pose.q_rel,
             goal=normalise_pixel(goal, size),

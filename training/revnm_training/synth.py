@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-import joblib
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
@@ -21,6 +21,7 @@ from tqdm import tqdm
 from revnm_client.errors import ConfigError, ContractError
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_sim.camera import Camera
+from revnm_sim.engine import Engine
 from revnm_sim.expert import CostToGo, Expert, UnreachableError
 from revnm_sim.generator import TRAINING_SEED_BASE
 from revnm_sim.placement import sample_camera
@@ -66,36 +67,41 @@ class SynthConfig:
     layout: EpisodeLayout
 
 
-def synthesise(config: SynthConfig, *, jobs: int) -> tuple[int, float]:
-    """Make the shards that miss.
+def synthesise(config: SynthConfig, engine: Engine) -> tuple[int, float]:
+    """Make the shards that miss; they are written here, wherever they are made.
 
     Returns:
         Labelled states made now, and the seconds that took.
 
     Raises:
-        ConfigError: The seed or the number of episodes is out of range, or the folder holds data of another layout.
+        ConfigError: The seed or the number of episodes is out of range, the folder holds data of another layout, or the
+            engine is not installed.
+        LinkError: There is no cluster at the engine's address.
     """
     if not 0 <= config.seed < 1000 or not 1 <= config.episodes <= WORLDS_PER_SEED:
         raise ConfigError(
             f"seed {config.seed}, {config.episodes} episodes: expected 0 to 999 and 1 to {WORLDS_PER_SEED}"
         )
     config.out.mkdir(parents=True, exist_ok=True)
-    shards = [
-        (shard_path(config.out, config.seed, first), first, min(first + SHARD_EPISODES, config.episodes))
-        for first in range(0, config.episodes, SHARD_EPISODES)
-    ]
-    for path, _, _ in shards:
-        if path.exists() and read_layout(path) != config.layout:
-            raise ConfigError(f"{path}: made for {read_layout(path)}, now asked for {config.layout}")
-    missing = [shard for shard in shards if not shard[0].exists()]
+    missing = list(_missing_shards(config))
     started_s, labelled = time.monotonic(), 0
-    tasks = (joblib.delayed(_write_shard)(config, path, first, stop) for path, first, stop in missing)
-    with tqdm(total=sum(stop - first for _, first, stop in missing), desc="synth", unit=" episodes") as bar:
-        for episodes, states in joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)(tasks):
-            labelled += states
+    with tqdm(total=sum(len(numbers) for numbers in missing), desc="synth", unit=" episodes") as bar:
+        for numbers, episodes in engine.map(partial(_make_shard, config), missing):
+            write_episodes(shard_path(config.out, config.seed, numbers.start), episodes, config.layout)
+            labelled += sum(len(episode.goal) for episode in episodes)
             bar.set_postfix(samples_per_s=f"{labelled / (time.monotonic() - started_s):.0f}")
-            bar.update(episodes)
+            bar.update(len(numbers))
     return labelled, time.monotonic() - started_s
+
+
+def _missing_shards(config: SynthConfig) -> Iterator[range]:
+    """Yield the numbers of the episodes of each shard that is not there."""
+    for first in range(0, config.episodes, SHARD_EPISODES):
+        path = shard_path(config.out, config.seed, first)
+        if not path.exists():
+            yield range(first, min(first + SHARD_EPISODES, config.episodes))
+        elif read_layout(path) != config.layout:
+            raise ConfigError(f"{path}: made for {read_layout(path)}, now asked for {config.layout}")
 
 
 def shard_path(out: Path, seed: int, first: int) -> Path:
@@ -103,11 +109,8 @@ def shard_path(out: Path, seed: int, first: int) -> Path:
     return out / f"episodes_{seed:03d}_{first:07d}.parquet"
 
 
-def _write_shard(config: SynthConfig, path: Path, first: int, stop: int) -> tuple[int, int]:
-    episodes = [make_episode(config, number) for number in range(first, stop)]
-    kept = [episode for episode in episodes if episode is not None]
-    write_episodes(path, kept, config.layout)
-    return stop - first, sum(len(episode.goal) for episode in kept)
+def _make_shard(config: SynthConfig, numbers: range) -> list[Episode]:
+    return [episode for episode in (make_episode(config, number) for number in numbers) if episode is not None]
 
 
 def make_episode(config: SynthConfig, number: int) -> Episode | None:

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from revnm_client.errors import ConfigError
-from revnm_client.geometry import FloatArray
 from revnm_server.observation import normalise_disparity
 from revnm_training.batches import gather, mirror
+from revnm_training.depth_metrics import depth_errors
 from revnm_training.networks.depth_net import DepthNet, depth_loss
 from revnm_training.pictures import PictureSet, render_pictures
 from revnm_training.preset import DepthConfig, Preset
-from revnm_training.trainer import Batch, RunSettings, Trainer
+from revnm_training.run_settings import RunSettings
+from revnm_training.trainer import Batch, Trainer
 
 _VALIDATION_BATCH = 32
-_FARTHEST_M = 20.0
 
 
 class DepthTask:
@@ -46,16 +46,17 @@ class DepthTask:
         return depth_loss(network(self._input(batch["rgb"])), normalised(batch["disparity"].float()))
 
     def validate(self, network: nn.Module, device: torch.device) -> dict[str, float]:
-        """Return AbsRel after aligning scale and shift, and the L1 error of the normalised disparity."""
-        relative, l1 = [], []
+        """Return AbsRel and δ1 after aligning scale and shift, and the L1 error of the normalised disparity."""
+        errors, l1 = [], []
         for start in range(0, len(self._pictures.validation), _VALIDATION_BATCH):
             index = self._pictures.validation[start : start + _VALIDATION_BATCH]
             batch = gather(self._pictures.columns, ("rgb", "disparity"), index)
             predicted = network(self._input(batch["rgb"].to(device))).float().cpu().numpy()
             for guess, true in zip(predicted, batch["disparity"].float().numpy(), strict=True):
-                relative.append(aligned_abs_rel(guess, true))
+                errors.append(depth_errors(guess, true))
                 l1.append(float(np.abs(normalise_disparity(guess) - normalise_disparity(true)).mean()))
-        return {"abs_rel": float(np.mean(relative)), "l1": float(np.mean(l1))}
+        abs_rel, delta1 = np.mean(errors, axis=0)
+        return {"abs_rel": float(abs_rel), "delta1": float(delta1), "l1": float(np.mean(l1))}
 
     def _input(self, rgb: Tensor) -> Tensor:
         scaled = (rgb.float() / 255.0 - self._mean.to(rgb.device)) / self._std.to(rgb.device)
@@ -72,21 +73,6 @@ def normalised(disparity: Tensor) -> Tensor:
     return ((disparity - low_high[:, 0]) / span).clamp(0.0, 1.0)
 
 
-def aligned_abs_rel(predicted: FloatArray, true: FloatArray) -> float:
-    """Return the mean relative error of depth after a least-squares fit of scale and shift to the disparity.
-
-    Args:
-        predicted: (h, w) disparity up to scale and shift.
-        true: (h, w) disparity, 1/m; what is farther than 20 m is left out.
-    """
-    seen = true > 1.0 / _FARTHEST_M
-    guess, target = predicted[seen].astype(np.float64), true[seen].astype(np.float64)
-    design = np.column_stack([guess, np.ones_like(guess)])
-    scale_shift, *_ = np.linalg.lstsq(design, target, rcond=None)
-    fitted = np.maximum(design @ scale_shift, 1.0 / _FARTHEST_M)
-    return float(np.mean(np.abs(target / fitted - 1.0)))
-
-
 def train_depth(preset: Preset, settings: RunSettings, *, cache: Path, pictures: int, jobs: int) -> bool:
     """Render the pictures that miss and train.
 
@@ -98,7 +84,10 @@ def train_depth(preset: Preset, settings: RunSettings, *, cache: Path, pictures:
     """
     if preset.depth is None or preset.train_depth is None:
         raise ConfigError(f"preset {preset.name} has no depth network of its own")
-    rendered = render_pictures(cache, preset.observation.disparity_hw, pictures=pictures, jobs=jobs)
+    fabric = settings.open_fabric()
+    settings.begun(DepthTask.kind)
+    with fabric.rank_zero_first():
+        rendered = render_pictures(cache, preset.observation.disparity_hw, pictures=pictures, jobs=jobs)
     torch.manual_seed(settings.seed)
     task = DepthTask(rendered, preset.depth)
-    return Trainer(task, DepthNet(preset.depth), preset.train_depth, settings).run()
+    return Trainer(task, DepthNet(preset.depth), preset.train_depth, settings, fabric).run()

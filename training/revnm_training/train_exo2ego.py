@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,16 @@ from tqdm import tqdm
 from revnm_server.exo2ego import ddim_sample, ddim_schedule, start_image
 from revnm_server.observation import Image32
 from revnm_training.batches import add_noise, gather, mirror, signed, unit
-from revnm_training.checkpoint import load_checkpoint
+from revnm_training.checkpoint import fill, load_trained
 from revnm_training.map_cache import rendered
 from revnm_training.networks.dit import Denoiser, diffusion_loss
+from revnm_training.precision import autocast
 from revnm_training.preset import Exo2EgoConfig, Preset
-from revnm_training.sample_cache import SampleSet, to_bytes
-from revnm_training.trainer import Batch, RunSettings, Trainer
+from revnm_training.render_device import RenderDevice
+from revnm_training.run_settings import RunSettings
+from revnm_training.sample_cache import to_bytes
+from revnm_training.sample_set import SampleSet
+from revnm_training.trainer import Batch, Trainer
 
 _VALIDATION_SAMPLES = 1024
 _SAMPLING_BATCH = 128  # fits the processor caches
@@ -106,33 +111,52 @@ def imagine(network: nn.Module, batch: Batch, *, steps: int, noise: bool, device
     return np.concatenate(pictures)
 
 
-def imagined_ego(samples: SampleSet, preset: Preset, checkpoint: Path) -> NDArray[np.uint8]:
-    """Return the ego depth (M, e, e) that a trained denoiser imagines for every sample, as bytes.
+@dataclass(frozen=True, slots=True)
+class TrainedDenoiser:
+    """A denoiser that imagines.
 
-    Kept beside the rendered samples; an interrupted run goes on.
+    Attributes:
+        network: In evaluation mode, on the fastest device.
+        config: Its part of the preset.
+        mark: Tells it from others: the beginning of its checkpoint's hash.
+    """
+
+    network: Denoiser
+    config: Exo2EgoConfig
+    mark: str
+
+
+def load_denoiser(preset: Preset, checkpoint: Path) -> TrainedDenoiser:
+    """Load a trained denoiser.
 
     Raises:
-        FileError: The checkpoint is missing or of another kind.
+        FileError: The checkpoint is missing, of another kind or of another preset.
     """
-    weights = load_checkpoint(checkpoint, Exo2EgoTask.kind).averaged
-    name = f"imagined_{hashlib.sha256(checkpoint.read_bytes()).hexdigest()[:12]}_{preset.exo2ego.steps}"
+    network = Denoiser(preset.exo2ego, preset.observation)
+    fill(network, load_trained(checkpoint, Exo2EgoTask.kind, preset.name), checkpoint)
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    mark = hashlib.sha256(checkpoint.read_bytes()).hexdigest()[:12]
+    return TrainedDenoiser(network.eval().to(device), preset.exo2ego, mark)
+
+
+def imagined_ego(samples: SampleSet, denoiser: TrainedDenoiser) -> NDArray[np.uint8]:
+    """Return the ego depth (M, e, e) that a denoiser imagines for every sample, as bytes.
+
+    Kept beside the rendered samples; an interrupted run goes on.
+    """
+    name = f"imagined_{denoiser.mark}_{denoiser.config.steps}"
     path, progress = samples.folder / f"{name}.npy", samples.folder / f"{name}.json"
     ego = samples.columns["ego"]
     shape = (len(ego), *ego.shape[2:])
     if not progress.exists():
         np.lib.format.open_memmap(path, mode="w+", dtype=np.uint8, shape=shape).flush()
         progress.write_text(json.dumps({"done": 0}), encoding="utf-8")
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    network = Denoiser(preset.exo2ego, preset.observation)
-    network.load_state_dict(weights)
-    network.eval().to(device)
-    _imagine_missing(samples, network, path, progress, config=preset.exo2ego, device=device)
+    _imagine_missing(samples, denoiser, path, progress)
     return np.asarray(np.load(path, mmap_mode="r"))
 
 
-def _imagine_missing(
-    samples: SampleSet, network: nn.Module, path: Path, progress: Path, *, config: Exo2EgoConfig, device: torch.device
-) -> None:
+def _imagine_missing(samples: SampleSet, denoiser: TrainedDenoiser, path: Path, progress: Path) -> None:
+    config, device = denoiser.config, next(denoiser.network.parameters()).device
     imagined: np.memmap[Any, np.dtype[np.uint8]] = np.lib.format.open_memmap(path, mode="r+")
     done = json.loads(progress.read_text(encoding="utf-8"))["done"]
     chunk = 32 * _SAMPLING_BATCH
@@ -140,15 +164,17 @@ def _imagine_missing(
         for start in range(done, len(imagined), chunk):
             index = np.arange(start, min(start + chunk, len(imagined)))
             batch = gather(samples.columns, (*_condition(config), "ego"), index)
-            with torch.autocast(device.type, torch.bfloat16):
-                pictures = imagine(network, batch, steps=config.steps, noise=config.noise, device=device)
+            with autocast(device):
+                pictures = imagine(denoiser.network, batch, steps=config.steps, noise=config.noise, device=device)
             imagined[index] = to_bytes((pictures + 1.0) / 2.0)
             imagined.flush()
             progress.write_text(json.dumps({"done": int(index[-1]) + 1}), encoding="utf-8")
             bar.update(len(index))
 
 
-def train_exo2ego(preset: Preset, settings: RunSettings, *, data: Path, cache: Path, jobs: int) -> bool:
+def train_exo2ego(
+    preset: Preset, settings: RunSettings, *, data: Path, cache: Path, jobs: int, render: RenderDevice = "cpu"
+) -> bool:
     """Render the samples that miss and train.
 
     Returns:
@@ -157,8 +183,11 @@ def train_exo2ego(preset: Preset, settings: RunSettings, *, data: Path, cache: P
     Raises:
         ConfigError: Cache, data or run folder hold something else.
     """
-    samples = rendered(preset, data, cache, jobs=jobs)
+    fabric = settings.open_fabric()
+    settings.begun(Exo2EgoTask.kind)
+    with fabric.rank_zero_first():
+        samples = rendered(preset, data, cache, jobs=jobs, device=render)
     torch.manual_seed(settings.seed)
     network = Denoiser(preset.exo2ego, preset.observation)
     task = Exo2EgoTask(samples, preset.exo2ego)
-    return Trainer(task, network, preset.train_exo2ego, settings).run()
+    return Trainer(task, network, preset.train_exo2ego, settings, fabric).run()

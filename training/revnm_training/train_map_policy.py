@@ -13,7 +13,7 @@ from revnm_training.batches import add_noise, gather, mirror, signed, unit
 from revnm_training.map_cache import UNREACHED
 from revnm_training.networks.map_policy import Dense, MapPolicyOutput, map_policy_loss
 from revnm_training.preset import MapPolicyConfig
-from revnm_training.sample_cache import SampleSet
+from revnm_training.sample_set import Rows, SampleSet
 from revnm_training.trainer import Batch
 from revnm_training.waypoint_errors import waypoint_errors
 
@@ -30,9 +30,7 @@ class MapPolicyTask:
 
     kind = "policy"
 
-    def __init__(
-        self, samples: SampleSet, imagined: NDArray[np.uint8] | None, config: MapPolicyConfig, *, kl_weight: float
-    ) -> None:
+    def __init__(self, samples: SampleSet, imagined: Rows | None, config: MapPolicyConfig, *, kl_weight: float) -> None:
         """Take the data.
 
         Args:

@@ -5,6 +5,7 @@ At run time the ego depth is imagined, so most samples show the policy an imagin
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +14,17 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from revnm_training.batches import add_noise, gather, mirror, signed, unit
+from revnm_training.checkpoint import fill, load_trained
 from revnm_training.map_cache import rendered
 from revnm_training.networks.act import ActPolicy, policy_loss
 from revnm_training.networks.map_policy import MapPolicy
 from revnm_training.preset import Preset
-from revnm_training.sample_cache import SampleSet
-from revnm_training.train_exo2ego import imagined_ego
+from revnm_training.render_device import RenderDevice
+from revnm_training.run_settings import RunSettings
+from revnm_training.sample_set import DataSource, JoinedColumn, Rows, SampleSet, join
+from revnm_training.train_exo2ego import imagined_ego, load_denoiser
 from revnm_training.train_map_policy import MapPolicyTask
-from revnm_training.trainer import Batch, RunSettings, Task, Trainer
+from revnm_training.trainer import Batch, Task, Trainer
 from revnm_training.waypoint_errors import waypoint_errors
 
 _COLUMNS = ("exo", "robot", "heading", "goal", "waypoints")
@@ -34,7 +38,7 @@ class PolicyTask:
 
     kind = "policy"
 
-    def __init__(self, samples: SampleSet, imagined: NDArray[np.uint8] | None, *, kl_weight: float) -> None:
+    def __init__(self, samples: SampleSet, imagined: Rows | None, *, kl_weight: float) -> None:
         """Take the data.
 
         Args:
@@ -86,27 +90,52 @@ class PolicyTask:
 
 
 def train_policy(
-    preset: Preset, settings: RunSettings, *, data: Path, cache: Path, exo2ego: Path | None, jobs: int
+    preset: Preset,
+    settings: RunSettings,
+    *,
+    sources: Sequence[DataSource],
+    exo2ego: Path | None,
+    jobs: int,
+    render: RenderDevice = "cpu",
+    begin: Path | None = None,
 ) -> bool:
     """Render the samples that miss, imagine their ego depth where a denoiser is given, and train.
+
+    Args:
+        preset: What is trained.
+        settings: Of the run.
+        sources: The data.
+        exo2ego: Checkpoint of the denoiser; None trains on exact ego depth only.
+        jobs: Processes that render.
+        render: Casts ego depth.
+        begin: Checkpoint whose averaged weights a new run begins with; None begins with random ones.
 
     Returns:
         Whether the end was reached.
 
     Raises:
         ConfigError: Cache, data or run folder hold something else.
-        FileError: The denoiser's checkpoint is missing or of another kind.
+        FileError: A checkpoint is missing or of another kind.
     """
-    samples = rendered(preset, data, cache, jobs=jobs)
-    imagined = None if exo2ego is None else imagined_ego(samples, preset, exo2ego)
+    fabric = settings.open_fabric()
+    settings.begun(PolicyTask.kind)
     torch.manual_seed(settings.seed)
+    network = policy_network(preset)
+    if begin is not None:
+        fill(network, load_trained(begin, PolicyTask.kind, preset.name), begin)
+    denoiser = None if exo2ego is None else load_denoiser(preset, exo2ego)
+    with fabric.rank_zero_first():
+        sets = [rendered(preset, source.data, source.cache, jobs=jobs, device=render) for source in sources]
+        imagined = None if denoiser is None else JoinedColumn([imagined_ego(each, denoiser) for each in sets])
+    task = _task(preset, join(sets, [source.repeat for source in sources]), imagined)
+    return Trainer(task, network, preset.train_policy, settings, fabric).run()
+
+
+def _task(preset: Preset, samples: SampleSet, imagined: Rows | None) -> Task:
     kl_weight = preset.train_policy.kl_weight
-    task: Task
     if preset.map_policy is not None:
-        task = MapPolicyTask(samples, imagined, preset.map_policy, kl_weight=kl_weight)
-    else:
-        task = PolicyTask(samples, imagined, kl_weight=kl_weight)
-    return Trainer(task, policy_network(preset), preset.train_policy, settings).run()
+        return MapPolicyTask(samples, imagined, preset.map_policy, kl_weight=kl_weight)
+    return PolicyTask(samples, imagined, kl_weight=kl_weight)
 
 
 def policy_network(preset: Preset) -> nn.Module:

@@ -11,10 +11,8 @@ import signal
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
 from types import FrameType
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -25,13 +23,14 @@ from torch.optim.swa_utils import AveragedModel
 from tqdm import tqdm
 
 from revnm_client.errors import ConfigError, FileError, RevnmError
-from revnm_training.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from revnm_training.checkpoint import Checkpoint, save_checkpoint
+from revnm_training.devices import any_rank, average_over_ranks
 from revnm_training.preset import TrainConfig
+from revnm_training.run_settings import CHECKPOINT, RunSettings, check_kept
 from revnm_training.training_log import TrainingLog
+from revnm_training.training_plots import plot_losses
 
 Batch = dict[str, Tensor]
-Precision = Literal["32-true", "bf16-mixed"]
-CHECKPOINT = "last.pt"
 _LOG_STEPS = 20
 _LONGEST_GRADIENT = 1.0
 
@@ -62,58 +61,46 @@ class Task(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class RunSettings:
-    """One run.
-
-    Attributes:
-        out: Folder for checkpoint and logs.
-        preset: Name of the preset, for the checkpoint.
-        steps: Length of the run and of its schedule.
-        seed: Of everything random.
-        precision: ``bf16-mixed`` is about twice as fast where the CPU knows bfloat16.
-        resume: Go on from the folder's checkpoint.
-        checkpoint_s: Time between two checkpoints.
-        validations: How often to validate, evenly spread, the last at the end.
-    """
-
-    out: Path
-    preset: str
-    steps: int
-    seed: int
-    precision: Precision = "bf16-mixed"
-    resume: bool = False
-    checkpoint_s: float = 120.0
-    validations: int = 5
-
-
 class Trainer:
     """Trains one network; :meth:`run` does it all."""
 
-    def __init__(self, task: Task, network: nn.Module, config: TrainConfig, settings: RunSettings) -> None:
+    def __init__(
+        self, task: Task, network: nn.Module, config: TrainConfig, settings: RunSettings, fabric: Fabric | None = None
+    ) -> None:
         """Set up, and load the checkpoint where the run is to be resumed.
 
+        Args:
+            task: What is trained.
+            network: With the same weights in every process.
+            config: How.
+            settings: Of the run.
+            fabric: Its processes; None opens those of the settings.
+
         Raises:
-            ConfigError: The folder holds a run and ``resume`` is not set, or the data are fewer than a batch.
+            ConfigError: The folder holds a run and ``resume`` is not set, the data are fewer than a batch, or the
+                processes cannot share a batch evenly.
             FileError: The checkpoint cannot be resumed.
         """
         self._task, self._config, self._settings = task, config, settings
         if task.train_size < config.batch:
             raise ConfigError(f"{task.train_size} training samples do not fill one batch of {config.batch}")
-        self._fabric = Fabric(accelerator="auto", devices=1, precision=settings.precision)
-        self._network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._fabric = fabric or settings.open_fabric()
+        if config.batch % self._fabric.world_size:
+            raise ConfigError(
+                f"a batch of {config.batch} cannot be shared evenly by {self._fabric.world_size} processes"
+            )
+        self._network = self._fabric.to_device(network.to(memory_format=torch.channels_last))  # type: ignore[call-overload]
         optimizer = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
-        _, self._optimizer = self._fabric.setup(self._network, optimizer)
+        self._optimizer: Any = self._fabric.setup_optimizers(optimizer)
         self._averaged = AveragedModel(network, multi_avg_fn=_average(config.ema), use_buffers=True)
         self._step = 0
         self._record: dict[str, Any] = {"seconds": 0.0, "samples": 0, "data": task.data, "validation": {}}
+        checkpoint = settings.begun(task.kind)
         settings.out.mkdir(parents=True, exist_ok=True)
         self._path = settings.out / CHECKPOINT
-        if settings.resume and self._path.exists():
-            self._load(load_checkpoint(self._path, task.kind))
-        elif self._path.exists():
-            raise ConfigError(f"{self._path}: a run is there already: resume it or name another folder")
-        self._log = TrainingLog(settings.out, self._step)
+        if checkpoint is not None:
+            self._load(checkpoint)
+        self._log = TrainingLog(settings.out, self._step) if self._fabric.is_global_zero else None
         self._order: tuple[int, NDArray[np.int64]] | None = None
         self._window = (self._step, time.monotonic())
 
@@ -130,7 +117,7 @@ class Trainer:
         """
         with _stop_signals() as stopped, self._progress() as bar:
             saved_s = time.monotonic()
-            while self._step < self._settings.steps and not stopped:
+            while self._step < self._settings.steps and not any_rank(self._fabric, bool(stopped)):
                 self._train_step(bar)
                 if self._is_validation_step():
                     self._validate()
@@ -141,7 +128,9 @@ class Trainer:
         return self._step >= self._settings.steps
 
     def save(self) -> None:
-        """Write the checkpoint."""
+        """Write the checkpoint; one process does."""
+        if not self._fabric.is_global_zero:
+            return
         settings = self._settings
         checkpoint = Checkpoint(
             kind=self._task.kind,
@@ -157,16 +146,7 @@ class Trainer:
         save_checkpoint(self._path, checkpoint)
 
     def _load(self, checkpoint: Checkpoint) -> None:
-        settings = self._settings
-        same: dict[str, tuple[Any, Any]] = {
-            "seed": (checkpoint.seed, settings.seed),
-            "steps": (checkpoint.steps, settings.steps),
-            "preset": (checkpoint.preset, settings.preset),
-            "data": (checkpoint.record.get("data"), self._task.data),
-        }
-        for name, (kept, asked) in same.items():
-            if kept != asked:
-                raise FileError(f"{self._path}: {name} {kept}, but asked for {asked}: a resumed run keeps it")
+        check_kept(self._path, data=(checkpoint.record.get("data"), self._task.data))
         try:
             self._network.load_state_dict(checkpoint.network)
             self._averaged.module.load_state_dict(checkpoint.averaged)
@@ -178,7 +158,8 @@ class Trainer:
 
     def _train_step(self, bar: Any) -> None:
         started_s = time.monotonic()
-        rng = np.random.default_rng((self._settings.seed, 1, self._step))
+        rank = self._fabric.global_rank
+        rng = np.random.default_rng((self._settings.seed, 1, self._step, *([rank] if rank else [])))
         seed = int(rng.integers(2**62))
         torch.manual_seed(seed)  # dropout and the CVAE's noise
         generator = torch.Generator(self._fabric.device).manual_seed(seed)
@@ -191,6 +172,7 @@ class Trainer:
             losses = self._task.loss(self._network.train(), batch, generator)
         self._optimizer.zero_grad()
         self._fabric.backward(losses["loss"])
+        average_over_ranks(self._fabric, self._network)
         nn.utils.clip_grad_norm_(self._network.parameters(), _LONGEST_GRADIENT)
         self._optimizer.step()
         self._averaged.update_parameters(self._network)
@@ -198,13 +180,15 @@ class Trainer:
         self._report(bar, losses, time.monotonic() - started_s)
 
     def _index(self) -> NDArray[np.int64]:
-        """Return the numbers of this step's samples: every epoch is another permutation."""
+        """Return the numbers of this process's samples of this step: every epoch is another permutation."""
         size, batch = self._task.train_size, self._config.batch
         epoch, place = divmod(self._step, size // batch)
         if self._order is None or self._order[0] != epoch:
             rng = np.random.default_rng((self._settings.seed, 2, epoch))
             self._order = (epoch, rng.permutation(size))
-        return self._order[1][place * batch : (place + 1) * batch]
+        share = batch // self._fabric.world_size
+        start = place * batch + self._fabric.global_rank * share
+        return self._order[1][start : start + share]
 
     def _report(self, bar: Any, losses: Mapping[str, Tensor], elapsed_s: float) -> None:
         self._record["seconds"] += elapsed_s
@@ -220,23 +204,33 @@ class Trainer:
         rate = (self._step - since_step) * self._config.batch / (self._window[1] - since_s)
         bar.set_postfix(loss=f"{row['loss']:.4f}", samples_per_s=f"{rate:.0f}")
         learning_rate = self._optimizer.param_groups[0]["lr"]
-        self._log.training(self._step, row | {"learning_rate": learning_rate, "samples_per_s": rate})
+        if self._log is not None:
+            self._log.training(self._step, row | {"learning_rate": learning_rate, "samples_per_s": rate})
 
     def _is_validation_step(self) -> bool:
         count, steps = self._settings.validations, self._settings.steps
         return self._step * count // steps != (self._step - 1) * count // steps
 
     def _validate(self) -> None:
+        if self._log is None:
+            return
         network = self._averaged.module.eval()
         with torch.no_grad(), self._fabric.autocast():
             measured = self._task.validate(network, self._fabric.device)
         self._record["validation"] = measured
         self._log.validation(self._step, measured)
+        plot_losses(self._settings.out)
         self._window = (self._step, time.monotonic())
         tqdm.write(f"step {self._step}: " + "  ".join(f"{name} {value:.4g}" for name, value in measured.items()))
 
     def _progress(self) -> Any:
-        return tqdm(total=self._settings.steps, initial=self._step, desc=f"train {self._task.kind}", unit=" steps")
+        return tqdm(
+            total=self._settings.steps,
+            initial=self._step,
+            desc=f"train {self._task.kind}",
+            unit=" steps",
+            disable=not self._fabric.is_global_zero,
+        )
 
 
 def _average(decay: float) -> Any:

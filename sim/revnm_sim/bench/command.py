@@ -14,13 +14,13 @@ from tqdm import tqdm
 from revnm_client.errors import ConfigError
 from revnm_server.bundle import default_bundle_path, file_sha256
 from revnm_server.manifest import MANIFEST, read_manifest
-from revnm_sim.bench.engine import ENGINES, Engine
 from revnm_sim.bench.journal import Journal
 from revnm_sim.bench.methods import METHODS, WITH_DEPTH_NETWORK, WITH_MODELS, WITH_OWN_BUNDLE
 from revnm_sim.bench.protocol import PROTOCOLS, Protocol, draw_setting, fit_protocol, parse_protocol
 from revnm_sim.bench.publish import publish
 from revnm_sim.bench.report import make_folder
 from revnm_sim.bench.trial import TrialKey, TrialResult, run_trial
+from revnm_sim.engine import ENGINES, Engine
 from revnm_sim.worlds import WORLDS, named_site
 
 PAPER_WORLDS = ("random_pillar", "bookstore", "warehouse")

@@ -56,12 +56,19 @@ def _short(row: Row) -> dict[str, Any]:
         "by pair": _bounds(row, "success_by_pair"),
         "SPL [95 %]": _interval(row, "spl", "spl"),
         "SPL geodesic": f"{row['spl_geodesic']:.2f}",
+        "hidden": _hidden(row),
         "collisions": f"{row['collision_rate']:.1%}",
         "timeouts": f"{row['timeout_rate']:.1%}",
         "clearance m": f"{row['median_clearance_m']:.2f}",
         "time s": row["mean_success_s"],
         "tick ms": f"{row['p50_tick_ms']:.1f}",
     }
+
+
+def _hidden(row: Row) -> str:
+    if not row["hidden_trials"]:
+        return ""
+    return f"{row['hidden_success_rate']:.2f} / {row['hidden_spl']:.2f} of {row['hidden_trials']}"
 
 
 def _paper(row: Row) -> dict[str, Any]:
@@ -80,6 +87,7 @@ def _difference(row: Row) -> dict[str, Any]:
         "ΔSR [95 %]": _interval(row, "difference", "difference", sign="+"),
         "by pair": _bounds(row, "difference_by_pair", sign="+"),
         "McNemar p": row["mcnemar_p"],
+        "ΔSR hidden": "" if row["hidden_difference"] is None else f"{row['hidden_difference']:+.2f}",
     }
 
 
@@ -104,7 +112,8 @@ _PROTOCOL = (
     "and without contact of the robot's rectangle; SR is the rate of it. All methods share the robot's controller and "
     "safety, and meet the same trials. The robot's pose in the picture is the simulator's; hidden, it keeps the last "
     "one. SPL, success weighted by path length, refers to the planner's way, which ends at the goal while a trial "
-    "ends at its radius; `SPL geodesic` to the shortest way. Clearance is the median over the trials of the least "
+    "ends at its radius; `SPL geodesic` to the shortest way. `hidden` has SR and SPL of the trials with 1 m or more of "
+    "the planner's way on floor that the camera does not see. Clearance is the median over the trials of the least "
     "distance to anything; time is that of the trials that succeeded; tick is the median time of making a plan, the "
     "simulator's stand-ins for tag detector and exact depth included, on a machine that may have had other work. "
     "Intervals are 95 % cluster bootstraps over pair and camera, and `by pair` over pairs alone: the cameras of one "

@@ -16,6 +16,9 @@ Results = Mapping[TrialKey, TrialResult]
 Place = tuple[int, int, int]  # pair, camera, repeat
 Group = tuple[str, str, str]  # world, method, perception
 
+HIDDEN_M = 1.0
+"""From so much of the planner's way on unseen floor on, a trial counts among the hidden ones."""
+
 
 def spl(results: Sequence[TrialResult], *, length: Callable[[TrialResult], float]) -> FloatArray:
     """Return success weighted by path length of each trial (M,).
@@ -91,11 +94,21 @@ def _row(world: str, method: str, perception: str, members: Mapping[Place, Trial
         "timeout_rate": _mean(late),
         **_named("timeout", rate_interval(late, conditions)),
         "blocked_rate": _mean([r.blocked for r in results]),
+        **_hidden_row(results),
         "least_clearance_m": round(min(r.closest_m for r in results), 3),
         "median_clearance_m": round(float(np.median([r.closest_m for r in results])), 3),
         "mean_success_s": _mean([r.duration_s for r in results if r.success], digits=2),
         "p50_tick_ms": round(float(np.median([r.tick_p50_ms for r in results])), 3),
         "p50_robot_tick_ms": round(float(np.median([r.robot_tick_p50_ms for r in results])), 3),
+    }
+
+
+def _hidden_row(results: Sequence[TrialResult]) -> dict[str, Any]:
+    hidden = [r for r in results if r.hidden_m >= HIDDEN_M]
+    return {
+        "hidden_trials": len(hidden),
+        "hidden_success_rate": _mean([r.success for r in hidden]),
+        "hidden_spl": _mean(spl(hidden, length=lambda r: r.expert_m)),
     }
 
 
@@ -107,6 +120,7 @@ def _comparison(
     a, b = (np.array([members[place].success for place in shared]) for _, members in (first, second))
     difference = a.astype(np.float64) - b
     only = int((a & ~b).sum()), int((b & ~a).sum())
+    hidden = np.array([first[1][place].hidden_m >= HIDDEN_M for place in shared])
     return {
         "world": world,
         "perception": perception,
@@ -119,6 +133,8 @@ def _comparison(
         **_named("difference", bootstrap_mean(difference, [place[:2] for place in shared])),
         **_named("difference_by_pair", bootstrap_mean(difference, [place[0] for place in shared])),
         "mcnemar_p": float(f"{mcnemar_p(*only):.3g}"),
+        "hidden_trials": int(hidden.sum()),
+        "hidden_difference": _mean(difference[hidden]),
     }
 
 

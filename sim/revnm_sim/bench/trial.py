@@ -15,12 +15,15 @@ import numpy as np
 
 from revnm_client.agent import AgentConfig, RobotAgent
 from revnm_client.errors import FileError
+from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Plan
 from revnm_sim.bench.methods import METHODS, MethodContext, Perception, RobotFeed
 from revnm_sim.bench.protocol import PairRule, draw_setting, trial_seed
+from revnm_sim.raycast import visible
 from revnm_sim.route import Route
-from revnm_sim.scenario import Scenario
+from revnm_sim.scenario import Scenario, at_height
 from revnm_sim.simulation import Simulation
+from revnm_sim.world import primitive_arrays
 
 CONTROL_S = 0.05
 _CONTROLS_PER_SCAN = 2
@@ -77,6 +80,7 @@ class TrialResult:
         geodesic_m: Length of the shortest way.
         closest_m: Least clearance of the body.
         blocked: Something stood in the straight way.
+        hidden_m: How much of the planner's way lies on floor that the camera does not see.
         tick_p50_ms: Median time to make a plan, rendering not included; perception ``truth`` needs no depth network.
         robot_tick_p50_ms: Median time of the robot's tick.
         track_m: Where the robot was, (x, y), world frame, every half second and at the end.
@@ -91,6 +95,7 @@ class TrialResult:
     geodesic_m: float
     closest_m: float
     blocked: bool
+    hidden_m: float
     tick_p50_ms: float
     robot_tick_p50_ms: float
     track_m: list[list[float]]
@@ -131,20 +136,24 @@ class Trial:
         self._plans: deque[tuple[int, Plan]] = deque()
         self._plan_ms: list[float] = []
         self._robot_ms: list[float] = []
-        self._track_m: list[list[float]] = []
+        self._poses: list[Pose2] = []
+
+    @property
+    def poses(self) -> FloatArray:
+        """Where the robot was at each control step so far and at the end: (T, 3) x, y, yaw, metres and radians."""
+        return np.array(self._poses).reshape(-1, 3)
 
     def run(self) -> TrialResult:
         """Drive until arrival, contact or the end of time."""
         with self._simulation as simulation:
             for step in range(round(TIME_LIMIT_S / CONTROL_S)):
-                if step % _CONTROLS_PER_TRACK_POINT == 0:
-                    self._note_place()
+                self._poses.append(simulation.true_pose)
                 self._sense(step)
                 self._control()
                 simulation.advance(CONTROL_S)
                 if simulation.had_contact or self._at_goal():
                     break
-            self._note_place()
+            self._poses.append(simulation.true_pose)
             return self._result()
 
     def _sense(self, step: int) -> None:
@@ -176,10 +185,6 @@ class Trial:
         self._robot_ms.append((time.perf_counter() - started) * 1e3)
         self._simulation.command(tick.velocity)
 
-    def _note_place(self) -> None:
-        pose = self._simulation.true_pose
-        self._track_m.append([round(pose.x_m, 2), round(pose.y_m, 2)])
-
     def _at_goal(self) -> bool:
         pose, (x, y) = self._simulation.true_pose, self._scenario.goal_m
         return math.hypot(pose.x_m - x, pose.y_m - y) <= self._scenario.goal_radius_m
@@ -198,7 +203,15 @@ class Trial:
             geodesic_m=round(self._route.geodesic_m, 4),
             closest_m=round(simulation.closest_m, 4),
             blocked=self._route.blocked,
+            hidden_m=round(_hidden_m(self._scenario, self._route), 2),
             tick_p50_ms=round(float(np.median(self._plan_ms)), 3),
             robot_tick_p50_ms=round(float(np.median(self._robot_ms)), 3),
-            track_m=self._track_m,
+            track_m=np.round([*self._poses[:-1:_CONTROLS_PER_TRACK_POINT], self._poses[-1]], 2)[:, :2].tolist(),
         )
+
+
+def _hidden_m(scenario: Scenario, route: Route) -> float:
+    """Return the length of the planner's way over floor that the camera does not see."""
+    path = route.field.path((scenario.start.x_m, scenario.start.y_m))
+    seen = visible(primitive_arrays(scenario.world.obstacles), scenario.camera, at_height(path, 0.0))
+    return float(np.hypot(*np.diff(path, axis=0).T) @ ~seen[1:])

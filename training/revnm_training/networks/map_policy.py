@@ -140,9 +140,8 @@ class MapPolicy(nn.Module):
     def _painted(self, way: Tensor, goal: Tensor) -> Tensor:
         """Return (B, 2, s, s): the way as a line of blobs, and how much nearer to the goal a cell is than the robot."""
         points = self.get_buffer("points")
-        apart = (points[None, :, :, None] - way[:, None, None]).square().sum(-1).amin(-1)  # (B, s, s)
-        line = torch.exp(-apart / (2.0 * _BLOB_M**2))
-        to_goal = (points[None] - goal[:, None, None]).square().sum(-1).add(1e-6).sqrt()
+        line = torch.exp(-_apart(points, way).amin(dim=1) / (2.0 * _BLOB_M**2))
+        to_goal = _apart(points, goal[:, None])[:, 0].sqrt()
         nearer = goal.square().sum(-1).add(1e-6).sqrt()[:, None, None] - to_goal
         return torch.stack([line, nearer / _GOAL_RANGE_M], dim=1)
 
@@ -177,6 +176,14 @@ class Rise(nn.Module):
             x = functional.interpolate(x, scale_factor=factor, mode="nearest")
         joined: Tensor = self.block(x + level)
         return joined
+
+
+def _apart(points: Tensor, marks: Tensor) -> Tensor:
+    """Return the squared distances (B, M, s, s) of points (s, s, 2) from marks (B, M, 2)."""
+    flat = points.flatten(0, 1)
+    product = marks @ flat.T  # (B, M, s · s): a difference would need as much memory for each of the axes
+    apart = flat.square().sum(-1) + marks.square().sum(-1, keepdim=True) - 2.0 * product
+    return apart.clamp(min=1e-6).unflatten(2, points.shape[:2])
 
 
 def _polar(goal: Tensor) -> Tensor:

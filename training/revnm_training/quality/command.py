@@ -1,4 +1,4 @@
-"""``revnm-train quality``: how good a bundle's imagined ego depth is, world by world. Imports no torch."""
+"""``revnm-train quality``: how good a bundle's imagined ego depth and its depth network are. Imports no torch."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from revnm_server.observation import Image32, ObservationSpec
 from revnm_server.ports import EgoRequest
 from revnm_sim.bench.report import table, write_report
 from revnm_sim.worlds import is_generated, named_site
+from revnm_training.quality.depth import measure_depth
 from revnm_training.quality.encoder import ENCODER_PX, ENCODER_SHA256, DepthEncoder, encoder_path
 from revnm_training.quality.metrics import (
     false_free,
@@ -49,6 +50,7 @@ class QualityConfig:
         bundle: Folder of the bundle.
         worlds: Names or paths, see :func:`revnm_sim.worlds.named_site`.
         images: Images of a world.
+        pictures: Pictures of a world for the depth network; 0 leaves it out.
         steps: DDIM steps; None takes the bundle's.
         seed: Of worlds, cameras and states.
         jobs: Processes that render, and threads of the network.
@@ -58,6 +60,7 @@ class QualityConfig:
     bundle: Path
     worlds: tuple[str, ...]
     images: int
+    pictures: int
     steps: int | None
     seed: int
     jobs: int
@@ -66,6 +69,7 @@ class QualityConfig:
     def command(self) -> str:
         """Return the command line that asks for this."""
         words = ["revnm-train", "quality", "--world", ",".join(self.worlds), "--images", str(self.images)]
+        words += ["--pictures", str(self.pictures)]
         if self.bundle != default_bundle_path():
             words += ["--bundle", str(self.bundle)]
         if self.steps is not None:
@@ -86,7 +90,7 @@ def measure_quality(config: QualityConfig) -> list[dict[str, Any]]:
 
     Returns:
         The report's rows: for each world one of ``exo2ego`` and one of ``blank``, a picture of nothing, to read it
-        against.
+        against; then for each world one of ``depth``.
 
     Raises:
         ConfigError: An option is out of range, or the folder holds views of another run.
@@ -109,9 +113,25 @@ def measure_quality(config: QualityConfig) -> list[dict[str, Any]]:
         for source, shown in (("exo2ego", pictures.imagined), ("blank", np.ones_like(pictures.true))):
             measured = measure(pictures.true, shown, bundle.spec, encoder)
             rows.append({"world": world, "source": source, **common, **measured, **hashes})
-    write_report(config.out / "report.json", rows, config.command())
-    print(table([{key: value for key, value in row.items() if key not in _ONLY_IN_REPORT} for row in rows]))
-    return rows
+    depth = [_depth_row(config, world) for world in config.worlds] if config.pictures else []
+    write_report(config.out / "report.json", rows + depth, config.command())
+    for part in (rows, depth):
+        if part:
+            print(table([{key: value for key, value in row.items() if key not in _ONLY_IN_REPORT} for row in part]))
+    return rows + depth
+
+
+def _depth_row(config: QualityConfig, world: str) -> dict[str, Any]:
+    errors = measure_depth(config.bundle, world, pictures=config.pictures, seed=config.seed, jobs=config.jobs)
+    return {
+        "world": world,
+        "source": "depth",
+        "pictures": config.pictures,
+        "seed": config.seed,
+        "abs_rel": round(errors.abs_rel, 4),
+        "delta1": round(errors.delta1, 4),
+        "bundle_sha256": file_sha256(config.bundle / MANIFEST),
+    }
 
 
 def measure(true: Image32, imagined: Image32, spec: ObservationSpec, encoder: DepthEncoder) -> dict[str, Any]:
@@ -137,7 +157,12 @@ def measure(true: Image32, imagined: Image32, spec: ObservationSpec, encoder: De
 
 
 def _check(config: QualityConfig) -> None:
-    least = {"images": (config.images, 2), "seed": (config.seed, 0), "jobs": (config.jobs, 1)}
+    least = {
+        "images": (config.images, 2),
+        "pictures": (config.pictures, 0),
+        "seed": (config.seed, 0),
+        "jobs": (config.jobs, 1),
+    }
     for name, (value, smallest) in least.items():
         if value < smallest:
             raise ConfigError(f"--{name} {value}: expected {smallest} or more")
@@ -159,7 +184,9 @@ def _pictures(config: QualityConfig, bundle: Bundle, world: str) -> Pictures:
     path, fingerprint = config.out / f"views_{_label(world)}.npz", _fingerprint(config, bundle, world)
     if path.exists():
         return _read_pictures(path, fingerprint)
-    views = make_views(world, bundle.spec, count=config.images, seed=config.seed, jobs=config.jobs)
+    views = make_views(
+        world, bundle.spec, count=config.images, seed=config.seed, jobs=config.jobs, prior=bundle.exo2ego.prior
+    )
     pictures = Pictures(np.stack([view.ego for view in views]), _imagine(OnnxExo2Ego(bundle), views, world))
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     with partial.open("wb") as file:
@@ -198,6 +225,6 @@ def _imagine(exo2ego: OnnxExo2Ego, views: Sequence[View], world: str) -> Image32
     with tqdm(total=len(views), desc=f"imagine {world}", unit=" views") as bar:
         for start in range(0, len(views), _BATCH):
             batch = views[start : start + _BATCH]
-            parts.append(exo2ego.synthesise([EgoRequest("", 0, view.pose, view.crops) for view in batch]))
+            parts.append(exo2ego.synthesise([EgoRequest("", 0, view.pose, view.crops, view.prior) for view in batch]))
             bar.update(len(batch))
     return np.concatenate(parts)

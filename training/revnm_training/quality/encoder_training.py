@@ -29,8 +29,9 @@ from revnm_training.export import Graph, export_onnx
 from revnm_training.preset import TrainConfig, load_preset
 from revnm_training.quality.encoder import ENCODER_PX, FEATURES
 from revnm_training.quality.sectors import SECTORS, metres, sector_distances
+from revnm_training.run_settings import CHECKPOINT, RunSettings
 from revnm_training.synth import WORLDS_PER_SEED
-from revnm_training.trainer import CHECKPOINT, Batch, RunSettings, Trainer
+from revnm_training.trainer import Batch, Trainer
 
 _WORLDS = 600
 _VIEWS_PER_WORLD = 64

@@ -1,8 +1,8 @@
 """Views to measure on: robot states seen by a camera, in evaluation worlds, with the truth from ray casting.
 
 States are drawn as for training, but only in evaluation seeds of a family or in fixed worlds, and by the benchmark's
-camera: 640 × 480, 120° wide. Disparity, robot pixel and heading are exact, nothing is augmented: what is measured is
-exo2ego alone. Imports neither torch nor PyBullet.
+camera: 640 × 480, 120° wide. Disparity, robot pixel, heading and calibration are exact, nothing is augmented: what is
+measured is exo2ego alone. Imports neither torch nor PyBullet.
 
 Symbols: M views, N frames of history.
 """
@@ -19,6 +19,7 @@ from tqdm import tqdm
 
 from revnm_client.errors import ContractError
 from revnm_client.geometry import FloatArray, Pose2
+from revnm_server.ego_prior import ego_prior
 from revnm_server.observation import (
     Image32,
     ImagePose,
@@ -33,6 +34,7 @@ from revnm_sim.placement import sample_camera
 from revnm_sim.robot import RobotSpec
 from revnm_sim.world import World
 from revnm_sim.worlds import named_site
+from revnm_training.map_scene import EXACT, MapScene
 from revnm_training.samples import SceneRenderer
 from revnm_training.states import Scene, draw_goals, draw_history, draw_states, make_scene
 
@@ -42,8 +44,8 @@ _BLOCK = VIEWS_PER_CAMERA * CAMERAS_PER_BLOCK
 _GOALS = 2
 _STATES_PER_GOAL = 16
 _ATTEMPTS = 50
-_SIZE_PX = (640, 480)
-_HFOV_RAD = math.radians(120.0)
+SIZE_PX = (640, 480)
+HFOV_RAD = math.radians(120.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +56,19 @@ class View:
         pose: Where the robot is in the picture.
         crops: (N, crop_px, crop_px) in [0, 1], oldest first, all cut around ``pose``.
         ego: (ego_px, ego_px) in [−1, 1], what the robot sees in truth.
+        prior: (2, ego_px, ego_px) as of :func:`revnm_server.ego_prior.ego_prior`, from the camera alone; None where
+            nobody asked for it.
     """
 
     pose: ImagePose
     crops: Image32
     ego: Image32
+    prior: Image32 | None
 
 
-def make_views(world: str, spec: ObservationSpec, *, count: int, seed: int, jobs: int) -> list[View]:
+def make_views(
+    world: str, spec: ObservationSpec, *, count: int, seed: int, jobs: int, prior: bool = False
+) -> list[View]:
     """Make views of a world, 25 by each camera; a family gives another world every 100.
 
     Args:
@@ -70,6 +77,7 @@ def make_views(world: str, spec: ObservationSpec, *, count: int, seed: int, jobs
         count: M.
         seed: Of everything random.
         jobs: Processes.
+        prior: Whether the exo depth is wanted in the robot's view, too.
 
     Raises:
         ConfigError: No world has this name.
@@ -78,7 +86,10 @@ def make_views(world: str, spec: ObservationSpec, *, count: int, seed: int, jobs
     """
     named_site(world, 0)  # a wrong name is told before processes start
     starts = range(0, count, _BLOCK)
-    tasks = (joblib.delayed(_block)(world, spec, seed, start // _BLOCK, min(_BLOCK, count - start)) for start in starts)
+    tasks = (
+        joblib.delayed(_block)(world, spec, seed, start // _BLOCK, min(_BLOCK, count - start), prior=prior)
+        for start in starts
+    )
     views: list[View] = []
     with tqdm(total=count, desc=f"render {world}", unit=" views") as bar:
         for part in joblib.Parallel(n_jobs=jobs, return_as="generator", batch_size=1)(tasks):
@@ -92,19 +103,21 @@ def evaluation_seed(sequence: np.random.SeedSequence) -> int:
     return int(sequence.generate_state(1)[0]) % TRAINING_SEED_BASE
 
 
-def _block(world: str, spec: ObservationSpec, seed: int, number: int, count: int) -> list[View]:
+def _block(world: str, spec: ObservationSpec, seed: int, number: int, count: int, *, prior: bool) -> list[View]:
     failure: ContractError | None = None
     for attempt in range(_ATTEMPTS):
         sequence = np.random.SeedSequence([seed, number, attempt])
         site, rng = named_site(world, evaluation_seed(sequence)), np.random.default_rng(sequence)
         try:
-            return _world_views(site.world, spec, count, rng)
+            return _world_views(site.world, spec, count, rng, prior=prior)
         except ContractError as error:
             failure = error
     raise ContractError(f"world {world!r}: no views in {_ATTEMPTS} attempts; the last: {failure}")
 
 
-def _world_views(world: World, spec: ObservationSpec, count: int, rng: np.random.Generator) -> list[View]:
+def _world_views(
+    world: World, spec: ObservationSpec, count: int, rng: np.random.Generator, *, prior: bool
+) -> list[View]:
     """Return ``count`` views of a world.
 
     Raises:
@@ -114,20 +127,23 @@ def _world_views(world: World, spec: ObservationSpec, count: int, rng: np.random
     views: list[View] = []
     for _ in range(2 * CAMERAS_PER_BLOCK):
         if len(views) < count:
-            views += _camera_views(world, spec, expert, rng)
+            views += _camera_views(world, spec, expert, rng, prior=prior)
     if len(views) < count:
         raise ContractError(f"world {world.name!r}: cameras see {len(views)} of {count} states")
     return views[:count]
 
 
-def _camera_views(world: World, spec: ObservationSpec, expert: Expert, rng: np.random.Generator) -> list[View]:
+def _camera_views(
+    world: World, spec: ObservationSpec, expert: Expert, rng: np.random.Generator, *, prior: bool
+) -> list[View]:
     """Return up to 25 views by one camera."""
-    width, height = _SIZE_PX
-    camera = sample_camera(world, rng, width_px=width, height_px=height, hfov_rad=_HFOV_RAD)
+    width, height = SIZE_PX
+    camera = sample_camera(world, rng, width_px=width, height_px=height, hfov_rad=HFOV_RAD)
     scene = make_scene(world, camera, expert.grid, RobotSpec(), rng)
     renderer = SceneRenderer(world, camera, spec)
     poses = rng.permutation(_states(scene, expert, rng))[:VIEWS_PER_CAMERA]
-    return [_view(renderer, spec, _past(scene, spec, Pose2(*pose), rng)) for pose in poses]
+    priors = MapScene(world, camera, spec.disparity_hw, EXACT, rng) if prior else None
+    return [_view(renderer, spec, _past(scene, spec, Pose2(*pose), rng), priors) for pose in poses]
 
 
 def _states(scene: Scene, expert: Expert, rng: np.random.Generator) -> FloatArray:
@@ -147,9 +163,15 @@ def _past(scene: Scene, spec: ObservationSpec, pose: Pose2, rng: np.random.Gener
     return [Pose2(*earlier) for earlier in past]
 
 
-def _view(renderer: SceneRenderer, spec: ObservationSpec, past: Sequence[Pose2]) -> View:
+def _view(renderer: SceneRenderer, spec: ObservationSpec, past: Sequence[Pose2], priors: MapScene | None) -> View:
     sighting = renderer.sighting(past[-1])
-    pose = ImagePose(normalise_pixel(sighting.pixel, _SIZE_PX), sighting.heading)
+    pose = ImagePose(normalise_pixel(sighting.pixel, SIZE_PX), sighting.heading)
     disparities = np.stack([normalise_disparity(renderer.disparity(earlier)) for earlier in past])
-    crops = crops_around(disparities, pose, _SIZE_PX[0] / _SIZE_PX[1], spec)
-    return View(pose, crops, renderer.ego(past[-1]))
+    crops = crops_around(disparities, pose, SIZE_PX[0] / SIZE_PX[1], spec)
+    return View(pose, crops, renderer.egos(past[-1:])[0], None if priors is None else _prior(priors, spec, past[-1]))
+
+
+def _prior(scene: MapScene, spec: ObservationSpec, pose: Pose2) -> Image32:
+    """Return the prior (2, ego_px, ego_px) of a robot that has not scanned anything yet."""
+    place = scene.place(pose)
+    return ego_prior(scene.lifted, scene.grid(place), place, spec)

@@ -1,4 +1,4 @@
-"""Where trials run: processes on this machine, or a Ray or Dask cluster, all through joblib."""
+"""Where work runs: processes on this machine, or a Ray or Dask cluster, all through joblib."""
 
 from __future__ import annotations
 
