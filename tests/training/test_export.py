@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ import torch
 
 from revnm_client.errors import ConfigError, FileError
 from revnm_server.bundle import load_bundle
-from revnm_training.checkpoint import Checkpoint, fill, load_checkpoint, save_checkpoint, save_weights
+from revnm_training.checkpoint import Checkpoint, fill, load_checkpoint, load_trained, save_checkpoint, save_weights
 from revnm_training.export import MapPolicyGraph, PolicyGraph, export_bundle, graphs
 from revnm_training.kept_part import kept_part
 from revnm_training.preset import Preset, load_preset
@@ -100,3 +101,15 @@ def test_small_weights_make_the_same_bundle(preset: Preset, checkpoints: dict[st
         networks.append(network.state_dict())
     for name, value in networks[0].items():
         torch.testing.assert_close(networks[1][name], value, rtol=1e-3, atol=1e-4)
+
+
+def test_the_kept_weights_are_of_the_preset() -> None:
+    weights = resources.files("revnm_training") / "weights" / "edge"
+    preset = load_preset("edge")
+    for kind, graph in graphs(preset).items():
+        if kind == "depth":
+            continue
+        path = Path(str(weights / f"{kind}.pt"))
+        network = graph.network.policy if isinstance(graph.network, MapPolicyGraph) else graph.network
+        fill(network, load_trained(path, kind, preset.name), path)
+        assert sum(float(parameter.detach().abs().sum()) for parameter in network.parameters()) > 100.0
