@@ -139,6 +139,12 @@ def test_keeps_turning_the_same_way_when_the_path_lies_straight_behind() -> None
         assert mppi.plan(MppiInput(path, NOTHING, STANDSTILL)).w_radps > 0.0
 
 
+def test_turns_back_the_short_way_when_the_path_leads_elsewhere() -> None:
+    mppi, left, right = Mppi(CONFIG), np.array([[0.0, 0.0], [-0.5, 1.0]]), np.array([[0.0, 0.0], [0.5, -1.0]])
+    assert mppi.plan(MppiInput(left, NOTHING, STANDSTILL)).w_radps > 0.0
+    assert mppi.plan(MppiInput(right, NOTHING, STANDSTILL)).w_radps < 0.0
+
+
 def test_does_not_turn_first_towards_a_blocked_place() -> None:
     waypoints = np.array([[0.0, 0.0], [0.0, 0.5], [0.0, 1.0]])
     wall = np.stack([np.linspace(-1.5, 1.5, 200), np.full(200, 0.4)], axis=1)

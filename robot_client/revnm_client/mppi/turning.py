@@ -17,6 +17,7 @@ from revnm_client.mppi.distance_field import DistanceField
 from revnm_client.mppi.reference_path import ReferencePath
 
 _LOOK_AHEAD_M = 0.5
+_CHANGES_SIDES_RAD = 0.7  # what lies so near to straight behind may be on the other side in the next tick
 _NEAR_M = 0.1  # so near, the bearing means nothing
 
 
@@ -59,9 +60,14 @@ class TurnFirst:
         return bool(distance[1:].min() > min(self._config.footprint.width_m / 2.0, float(distance[0])))
 
     def _choose(self, bearing: float, field: DistanceField) -> float:
-        """Return the turn's sign: as before, else the short way, else the long; 0 if neither is free."""
+        """Return the turn's sign: as before, else the short way, else the long; 0 if neither is free.
+
+        As before not if that has become far longer, because the path now leads elsewhere: what lies about straight
+        behind changes sides with every tick.
+        """
         short = math.copysign(1.0, bearing)
-        first = self._direction or short
+        longer = self._direction == -short and abs(bearing) < math.pi - _CHANGES_SIDES_RAD
+        first = short if longer else self._direction or short
         for direction in (first, -first):
             sweep = bearing if direction == short else bearing - math.copysign(math.tau, bearing)
             if self._may_sweep(sweep, field):
