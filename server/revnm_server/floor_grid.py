@@ -5,6 +5,7 @@ Imports numpy only.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
 from revnm_server.observation import Image32
+
+_MARGIN = 10  # cells, wider than what an obstacle makes dear around it
+_STEP = 20  # cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +41,26 @@ class FloorGrid:
     def known(self) -> NDArray[np.bool_]:
         """(Ny, Nx) whether the cell was ever seen."""
         return np.asarray(np.isfinite(self.age_s))
+
+    def told(self, points_m: FloatArray) -> FloorGrid:
+        """Return the part that holds every cell of which anything is known or believed, and points (M, 2).
+
+        Points off the grid count as the cells nearest to them. Around all that lies a margin, where the grid goes on,
+        so that a way through the unknown beyond is no cheaper than one along the margin. The part's bounds change in
+        steps: searches keep their graph while the map grows.
+        """
+        known = self.known | (self.obstacle != np.float32(0.5))
+        cells = np.clip(self.cells(points_m), 0.0, np.array(known.shape) - 1.0)
+        window = []
+        for axis, size in enumerate(known.shape):
+            held = np.flatnonzero(known.any(axis=1 - axis))
+            along = np.concatenate([held[:1], held[-1:], cells[:, axis]])
+            first, last = along.min() - _MARGIN, along.max() + _MARGIN + 1.0
+            window.append(slice(max(0, math.floor(first / _STEP) * _STEP), min(size, math.ceil(last / _STEP) * _STEP)))
+        part = (window[0], window[1])
+        corner = self.points_m(np.array([each.start for each in part], dtype=np.float64))
+        origin_m = float(corner[0]), float(corner[1])
+        return FloorGrid(origin_m, self.cell_m, self.obstacle[part], self.floor[part], self.age_s[part])
 
     def cells(self, points_m: FloatArray) -> FloatArray:
         """Return the cells (..., 2) as (row, column), middles at integers, of points (..., 2)."""

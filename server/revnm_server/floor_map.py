@@ -69,6 +69,11 @@ class MapSpec:
         y = self.origin_m[1] + self.cell_m * np.arange(rows)
         return np.stack(np.meshgrid(x, y), axis=-1)
 
+    def unknown(self) -> FloorGrid:
+        """Return a map on which nothing was seen."""
+        half, never = np.full(self.shape, 0.5, dtype=np.float32), np.full(self.shape, np.inf, dtype=np.float32)
+        return FloorGrid(self.origin_m, self.cell_m, half, np.zeros(self.shape, dtype=np.bool_), never)
+
 
 @dataclass(frozen=True, slots=True)
 class Body:

@@ -1,7 +1,7 @@
 """What a calibration says about every pixel of the depth network's grid: its ray, and how near the floor lies on it.
 
 Computed once per calibration. Symbols: h, w of the disparity's grid, which is spread over the whole picture. Imports
-numpy only.
+numpy and OpenCV only.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from revnm_client.geometry import FloatArray
 from revnm_server.floor_camera import PARAMETERS, FloorCamera, on_plane, rotation
+from revnm_server.node_grid import NodeGrid
 from revnm_server.observation import Image32
 
 _STEP = 1e-5  # of finite differences
@@ -59,7 +60,8 @@ def floor_view(camera: FloorCamera, hw: tuple[int, int], covariance: FloatArray 
     pixels = grid_pixels(camera.size_px, hw)
     ray = _rays(camera.vector, camera.size_px, pixels)  # (h, w, 3)
     nearness = -ray[..., 2] / camera.height_m
-    sigma = _unabsorbed_sigma(camera, pixels, nearness, spread)
+    grid = NodeGrid(hw)
+    sigma = grid.filled(_unabsorbed_sigma(camera, pixels[grid.nodes], nearness[grid.nodes], spread))
     single = [np.ascontiguousarray(each, dtype=np.float32) for each in (ray[..., 0], ray[..., 1], nearness, sigma)]
     return FloorView(camera, spread, *single)
 

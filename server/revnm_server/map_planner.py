@@ -88,6 +88,7 @@ class MapPlanner:
             stamp_ns: When all this was so, nanoseconds; any clock. If it runs backwards, the way is looked for anew.
         """
         robot_m, settings = np.array(map_from_robot[:2]), self._settings
+        grid = grid.told(np.stack([robot_m, goal_m]))
         kept = self._kept
         if kept is not None:
             serves = kept.serves(goal_id, goal_m, robot_m, settings.keep)

@@ -2,15 +2,17 @@
 
 What stands at a cell may stand at another with a standard deviation that the calibration's covariance and the noise of
 the depth give. A cell's probability becomes the greatest of its neighbours', each less by the Gaussian of its distance
-in its own standard deviations; apart along x and y, so that it costs little. Imports numpy only.
+in its own standard deviations; apart along x and y, so that it costs little. Imports numpy and OpenCV only.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
 from revnm_server.floor_view import FloorView, place_jacobian, root
+from revnm_server.node_grid import NodeGrid
 from revnm_server.observation import Image32
 
 _SIGMAS = 2.0  # what is farther is let go
@@ -47,9 +49,14 @@ class MapSpread:
         if not 1.0 / _HOLD <= noise / max(self._prepared_for, 1e-9) <= _HOLD:
             self._prepared_for = noise
             self._weights = self._prepare(noise)
+        reach = max((len(weights) for weights, _ in self._weights), default=0)
+        window = _around(probability > 0.0, reach)
+        part = probability[window]
         for weights, axis in self._weights:
-            probability = _dilate(probability, weights, axis)
-        return probability
+            part = _dilate(part, [weight[window] for weight in weights], axis)
+        spread = probability.copy()
+        spread[window] = part
+        return spread
 
     def sigma_m(self, nearness_sigma: float) -> FloatArray:
         """Return the standard deviations (Ny, Nx, 2) along x and y, metres, unbounded."""
@@ -70,6 +77,15 @@ class MapSpread:
         return found
 
 
+def _around(filled: NDArray[np.bool_], reach: int) -> tuple[slice, slice]:
+    """Return the rows and columns that hold all filled cells, and so many more on each side."""
+    held = [np.flatnonzero(filled.any(axis=axis)) for axis in (1, 0)]
+    if not len(held[0]):
+        return slice(0), slice(0)
+    rows, columns = (slice(max(0, int(each[0]) - reach), int(each[-1]) + reach + 1) for each in held)
+    return rows, columns
+
+
 def _dilate(probability: Image32, weights: list[Image32], axis: int) -> Image32:
     """Return the greatest (Ny, Nx) of a cell and its weighted neighbours along an axis; weights are the neighbours'."""
     result = probability.copy()
@@ -86,9 +102,11 @@ def _calibration_sigma(view: FloorView, middles_m: FloatArray) -> FloatArray:
     """Return the standard deviations (Ny, Nx, 2) of what stands at the cells, from the calibration's covariance."""
     if not view.covariance.any():
         return np.zeros_like(middles_m)
-    jacobian = place_jacobian(view.camera, middles_m.reshape(-1, 2))  # (M, 2, 5)
-    sigma = np.sqrt(np.square(jacobian @ root(view.covariance)).sum(axis=-1))
-    return np.asarray(np.nan_to_num(sigma, nan=1e3, posinf=1e3).reshape(middles_m.shape))
+    grid = NodeGrid((middles_m.shape[0], middles_m.shape[1]))
+    places = middles_m[grid.nodes]
+    jacobian = place_jacobian(view.camera, places.reshape(-1, 2))  # (M, 2, 5)
+    sigma = np.sqrt(np.square(jacobian @ root(view.covariance)).sum(axis=-1)).reshape(places.shape)
+    return grid.filled(np.nan_to_num(sigma, nan=1e3, posinf=1e3)).astype(np.float64)
 
 
 def _per_nearness(view: FloorView, middles_m: FloatArray) -> FloatArray:
@@ -96,6 +114,7 @@ def _per_nearness(view: FloorView, middles_m: FloatArray) -> FloatArray:
 
     z = 1 / nearness, so dz = z² · dnearness, and a place moves in proportion to its depth.
     """
-    standing = np.concatenate([middles_m, np.zeros((*middles_m.shape[:2], 1))], axis=-1)
-    _, depth = view.camera.project(standing)
-    return np.asarray(np.abs(middles_m) * np.maximum(depth, 0.0)[..., None])
+    grid = NodeGrid((middles_m.shape[0], middles_m.shape[1]))
+    places = middles_m[grid.nodes]
+    _, depth = view.camera.project(np.concatenate([places, np.zeros((*places.shape[:2], 1))], axis=-1))
+    return np.asarray(np.abs(middles_m) * np.maximum(grid.filled(depth), 0.0)[..., None])

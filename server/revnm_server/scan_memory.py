@@ -80,19 +80,23 @@ class ScanMemory:
             times: For how many equal scans it stands.
         """
         self._decay(stamp_s)
-        hit = self._hits(scan, floor_from_robot)
-        window, passed = self._passed(scan, floor_from_robot)
-        passed &= ~hit[window]
-        self._logit[hit] += np.float32(times * self._spec.hit_logit)
-        self._logit[window][passed] -= np.float32(times * self._spec.free_logit)
-        np.clip(self._logit, -self._spec.most_free_logit, self._spec.most_hit_logit, out=self._logit)
-        self._seen_s[hit] = stamp_s
-        self._seen_s[window][passed] = stamp_s
+        window = self._around(floor_from_robot)
+        hit = self._hits(scan, floor_from_robot)[window]
+        passed = self._passed(scan, floor_from_robot, window) & ~hit
+        logit = self._logit[window]
+        logit += np.float32(times * self._spec.hit_logit) * hit - np.float32(times * self._spec.free_logit) * passed
+        np.clip(logit, -self._spec.most_free_logit, self._spec.most_hit_logit, out=logit)
+        self._seen_s[window][hit | passed] = stamp_s
 
     @property
     def probability(self) -> Image32:
         """(Ny, Nx) float32, that something stands in a cell by the scans alone; 0.5 where they tell nothing."""
         return np.asarray(1.0 / (1.0 + np.exp(-self._logit)), dtype=np.float32)
+
+    @property
+    def met(self) -> _BoolGrid:
+        """(Ny, Nx) where beams surely ended: hits that overrule the camera."""
+        return np.asarray(self._logit >= self._spec.sure_logit)
 
     def fuse(self, camera: FloorGrid, stamp_s: float) -> FloorGrid:
         """Return the camera's map with the scans in it.
@@ -103,7 +107,7 @@ class ScanMemory:
         """
         seen = np.clip(camera.obstacle, 1e-3, 1.0 - 1e-3)
         logit = np.log(seen / (1.0 - seen)) + self._logit
-        hit = self._logit >= self._spec.sure_logit
+        hit = self.met
         free = self._logit <= -self._spec.sure_logit
         logit = np.where(hit, np.maximum(logit, self._logit), logit)
         obstacle = np.asarray(1.0 / (1.0 + np.exp(-logit)), dtype=np.float32)
@@ -128,23 +132,24 @@ class ScanMemory:
         hit[cells[inside, 0], cells[inside, 1]] = True
         return hit
 
-    def _passed(self, scan: Scan, pose: Pose2) -> tuple[tuple[slice, slice], _BoolGrid]:
-        """Return a window of the grid and which of its cells beams went through, near their middles."""
-        window = self._around(pose)
-        local = pose.inverse().apply(self._middles[window].astype(np.float64)).astype(np.float32)
-        distance = np.hypot(local[..., 0], local[..., 1])
-        angle = np.arctan2(local[..., 1], local[..., 0]) - np.float32(scan.angle_min_rad)
-        turn = np.float32(math.copysign(math.tau, scan.angle_increment_rad))
-        beams = np.mod(angle, turn) / np.float32(scan.angle_increment_rad)
+    def _passed(self, scan: Scan, pose: Pose2, window: tuple[slice, slice]) -> _BoolGrid:
+        """Return through which cells of a window of the grid beams went, near their middles."""
+        away = self._middles[window] - np.array(pose[:2], dtype=np.float32)
+        distance = np.hypot(away[..., 0], away[..., 1])
+        angle = np.arctan2(away[..., 1], away[..., 0]) - np.float32(pose.yaw_rad + scan.angle_min_rad)
+        beams = angle / np.float32(scan.angle_increment_rad)
+        turn = np.float32(math.tau / abs(scan.angle_increment_rad))
+        beams -= turn * np.floor(beams / turn)  # in [0, turn], however the beams go round
         nearest = np.rint(beams)
         aside = np.abs(beams - nearest) * np.float32(abs(scan.angle_increment_rad)) * distance
         free_to = self._free_m(scan)
         index = nearest.astype(np.intp)
-        if abs(len(free_to) * scan.angle_increment_rad) > math.tau - 1.5 * abs(scan.angle_increment_rad):
-            index %= len(free_to)
+        if len(free_to) > turn - 1.5:
+            index[index == len(free_to)] = 0
         inside = (index >= 0) & (index < len(free_to))
         reach = free_to[np.where(inside, index, 0)]
-        return window, inside & (aside <= 0.5 * self._grid.cell_m) & (distance < reach)
+        passed: _BoolGrid = inside & (aside <= 0.5 * self._grid.cell_m) & (distance < reach)
+        return passed
 
     def _free_m(self, scan: Scan) -> NDArray[np.float32]:
         """Return how far each beam (N,) clears; a beam that is no number or too short clears nothing."""

@@ -94,13 +94,10 @@ def travel_cost(grid: FloorGrid, settings: CostSettings) -> TravelCost:
     doubt = np.minimum(2.0 * grid.obstacle, 1.0)  # 1 where nothing is known
     unseen = 1.0 + (settings.unseen - 1.0) * doubt
     per_m = np.where(grid.floor, 1.0 + settings.aged * age, unseen).astype(np.float32)
+    away_m = {cut: _distance_m(grid.obstacle >= cut, grid.cell_m) for cut in {*settings.cuts, settings.sure}}
     for cut, share in zip(settings.cuts, settings.shares, strict=True):
-        stands = grid.obstacle >= cut
-        if not stands.any():
-            break  # the cuts rise
-        per_m += np.float32(share) * _nearness(_distance_m(stands, grid.cell_m), settings)
-    sure = grid.obstacle >= settings.sure
-    return TravelCost(grid, per_m, _distance_m(sure, grid.cell_m), settings.unseen)
+        per_m += np.float32(share) * _nearness(away_m[cut], settings)
+    return TravelCost(grid, per_m, away_m[settings.sure], settings.unseen)
 
 
 def _distance_m(stands: NDArray[np.bool_], cell_m: float) -> Image32:

@@ -86,6 +86,7 @@ class Calibrator:
         self._drives: list[int] = []
         self._doubts: dict[int, int] = {}
         self._event: str | None = None
+        self._state: CalibrationState | None = None  # of now; only a sighting changes it
 
     @property
     def belief(self) -> Belief:
@@ -98,6 +99,11 @@ class Calibrator:
     @property
     def state(self) -> CalibrationState:
         """What is known now."""
+        if self._state is None:
+            self._state = self._judged()
+        return self._state
+
+    def _judged(self) -> CalibrationState:
         belief = self.belief
         if self._solution is None and not self._known:
             return CalibrationState("unknown", None, belief.covariance, math.inf, math.inf, 1.0, 0, 0.0, self._event)
@@ -111,6 +117,7 @@ class Calibrator:
 
     def observe(self, frame: Keyframe) -> None:
         """Take a sighting, whose drive's earlier ones came before it."""
+        self._state = None
         if self._contradicts(frame):
             self._doubt(frame)
             return
