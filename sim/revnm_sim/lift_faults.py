@@ -14,6 +14,7 @@ from revnm_client.geometry import FloatArray
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.observation import Image32
 from revnm_sim.camera import Camera
+from revnm_sim.lift_truth import exact_calibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +37,9 @@ class CalibrationFault:
 
     def apply(self, camera: Camera, rng: np.random.Generator) -> tuple[FloorCamera, FloatArray | None]:
         """Return the wrong calibration of a camera, and the covariance (5, 5) that is told, if any."""
-        size = (camera.width_px, camera.height_px)
-        exact = FloorCamera(size, camera.focal_px, camera.pitch_rad, camera.roll_rad, camera.position_m[2])
+        exact = exact_calibration(camera)
         errors = np.array([self.focal, self.pitch_rad, self.roll_rad, self.height, 0.0])
-        wrong = FloorCamera.from_vector(exact.vector + errors * rng.choice([-1.0, 1.0], errors.size), size)
+        wrong = FloorCamera.from_vector(exact.vector + errors * rng.choice([-1.0, 1.0], errors.size), exact.size_px)
         return wrong, np.diag(np.square(errors)) if self.told and errors.any() else None
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
+from revnm_server.floor_camera import FloorCamera
 from revnm_server.map_window import WindowSpec, window_points_m
 from revnm_sim.camera import Camera
 from revnm_sim.occupancy import OccupancyGrid
@@ -38,6 +39,18 @@ class Truth:
     occupied: BoolArray
     visible: BoolArray
     near: BoolArray
+
+
+def exact_calibration(camera: Camera) -> FloorCamera:
+    """Return what a calibration of a camera should find; its floor frame is :func:`world_from_floor`."""
+    size = (camera.width_px, camera.height_px)
+    return FloorCamera(size, camera.focal_px, camera.pitch_rad, camera.roll_rad, camera.position_m[2])
+
+
+def world_from_floor(camera: Camera) -> Pose2:
+    """Return the floor frame of a camera: on the floor under it, x along its view."""
+    x, y, _ = camera.position_m
+    return Pose2(x, y, camera.yaw_rad)
 
 
 def true_window(

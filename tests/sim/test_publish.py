@@ -61,6 +61,14 @@ def test_everything_is_written(tmp_path: Path, results: dict[TrialKey, TrialResu
         assert picture.std() > 20.0  # something is drawn
 
 
+def test_a_bundle_that_reprojects_the_exo_depth_is_drawn_too(tmp_path: Path) -> None:
+    bundle = str(write_tiny_bundle(tmp_path / "tiny", sees="map"))
+    publish({replace(KEY, method="revnm", bundle=bundle): result(True)}, tmp_path, "revnm-sim bench --out here")
+    picture = cv2.imread(str(tmp_path / "ego_depth.png"))
+    assert picture is not None
+    assert picture.std() > 20.0
+
+
 def test_without_models_there_is_no_ego_depth_to_draw(tmp_path: Path, results: dict[TrialKey, TrialResult]) -> None:
     publish({key: value for key, value in results.items() if not key.bundle}, tmp_path, "revnm-sim bench")
     assert not (tmp_path / "ego_depth.png").exists()

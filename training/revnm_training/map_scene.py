@@ -25,6 +25,7 @@ from revnm_server.observation import Image32
 from revnm_server.scan_memory import ScanMemory
 from revnm_sim.camera import Camera
 from revnm_sim.lift_faults import DepthFault
+from revnm_sim.lift_truth import exact_calibration
 from revnm_sim.raycast import cast_depth, disparity_from_depth
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.sensors import Lidar, LidarSpec
@@ -134,25 +135,19 @@ class MapScene:
 
     def grid(self, place: Pose2) -> FloorGrid:
         """Return the map with a robot at a place, which is taken out of it."""
-        seen = self._seen or self._blank()
+        seen = self._seen or self._spec.unknown()
         grid = self._scans.fuse(seen, self._now_s)
         take_out(grid, Body(place, self._robot.length_m, self._robot.width_m, self._robot.top_m))
         return grid
-
-    def _blank(self) -> FloorGrid:
-        shape = self._spec.shape
-        unknown, never = np.full(shape, 0.5, dtype=np.float32), np.full(shape, np.inf, dtype=np.float32)
-        return FloorGrid(self._spec.origin_m, self._spec.cell_m, unknown, np.zeros(shape, dtype=np.bool_), never)
 
 
 def _wrong(
     camera: Camera, faults: MapFaults, rng: np.random.Generator
 ) -> tuple[FloorCamera, NDArray[np.float64] | None]:
     """Return a wrong calibration of a camera with the covariance (5, 5) that it believes in."""
-    size = (camera.width_px, camera.height_px)
-    exact = FloorCamera(size, camera.focal_px, camera.pitch_rad, camera.roll_rad, camera.position_m[2])
+    exact = exact_calibration(camera)
     sigma = rng.uniform(0.0, 2.0) * np.array([faults.focal, faults.pitch_rad, faults.roll_rad, faults.height, 0.0])
-    wrong = FloorCamera.from_vector(exact.vector + sigma * rng.standard_normal(5), size)
+    wrong = FloorCamera.from_vector(exact.vector + sigma * rng.standard_normal(5), exact.size_px)
     return wrong, np.diag(np.square(sigma))
 
 

@@ -12,10 +12,15 @@ from matplotlib.figure import Figure
 
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_server.bundle import Bundle, load_bundle
+from revnm_server.ego_prior import ego_prior
 from revnm_server.exo2ego import OnnxExo2Ego
+from revnm_server.floor_map import FloorMapper
+from revnm_server.floor_view import floor_view
+from revnm_server.lift import FloorLifter, NoFloor
 from revnm_server.observation import (
     Image32,
     ImagePose,
+    ObservationSpec,
     crops_around,
     normalise_disparity,
     normalise_ego_depth,
@@ -27,6 +32,7 @@ from revnm_sim.bench.metrics import Results
 from revnm_sim.bench.protocol import Setting, draw_setting
 from revnm_sim.bench.trial import TrialKey
 from revnm_sim.camera import Camera
+from revnm_sim.lift_truth import exact_calibration, world_from_floor
 from revnm_sim.raycast import cast_depth, disparity_from_depth, ego_camera, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.scenario import tag_seen
@@ -110,10 +116,23 @@ def _view(setting: Setting, camera: Camera, bundle: Bundle, pose: Pose2) -> EgoV
     size = (camera.width_px, camera.height_px)
     place = ImagePose(normalise_pixel(sighting.pixel, size), sighting.heading)
     history = np.repeat(exo[None], spec.history, axis=0)
-    request = EgoRequest("rover", 0, place, crops_around(history, place, size[0] / size[1], spec))
+    crops = crops_around(history, place, size[0] / size[1], spec)
+    prior = _prior(setting, camera, pose, spec) if bundle.exo2ego.prior else None
+    request = EgoRequest("rover", 0, place, crops, prior)
     depth = cast_depth(primitive_arrays(world.primitives), ego_camera(pose, spec), (spec.ego_px, spec.ego_px))
     imagined = OnnxExo2Ego(bundle).synthesise([request])[0]
     return EgoView(exo, place.p_rob, imagined, normalise_ego_depth(depth, spec))
+
+
+def _prior(setting: Setting, camera: Camera, pose: Pose2, spec: ObservationSpec) -> Image32:
+    """Return what a map that is calibrated exactly says of the robot's view, (2, ego_px, ego_px)."""
+    hw, view = spec.disparity_hw, floor_view(exact_calibration(camera), spec.disparity_hw)
+    depth = cast_depth(primitive_arrays(setting.site.world.primitives), camera, hw)
+    lifted = FloorLifter(view).lift(disparity_from_depth(depth), np.ones(hw, dtype=np.bool_))
+    place, mapper = world_from_floor(camera).inverse() @ pose, FloorMapper(view)
+    if isinstance(lifted, NoFloor):
+        return ego_prior(None, mapper.spec.unknown(), place, spec)
+    return ego_prior(lifted, mapper.draw(lifted, np.zeros(hw, dtype=np.float32)), place, spec)
 
 
 def _draw_view(view: EgoView | None, exo: Axes, imagined: Axes, true: Axes) -> None:
