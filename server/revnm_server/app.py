@@ -28,12 +28,12 @@ from revnm_server.calibration.keyframes import TagMount
 from revnm_server.camera import open_camera
 from revnm_server.depth import OnnxDepth
 from revnm_server.exo2ego import OnnxExo2Ego
-from revnm_server.map_driver import MapDriver
+from revnm_server.map_beliefs import MapBeliefs
 from revnm_server.map_navigator import RobotShape
 from revnm_server.map_pipeline import MapPipeline
 from revnm_server.mission import Mission
 from revnm_server.pipeline import Pipeline
-from revnm_server.policy import OnnxPolicy, OnnxWayPolicy
+from revnm_server.policy import OnnxFloorPolicy, OnnxPolicy
 from revnm_server.ports import Senses
 from revnm_server.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
@@ -109,17 +109,17 @@ def build_map_pipeline(
     """
     folder = settings.calibration_dir
     mount = TagMount(settings.tag_size_m, settings.tag_height_m)
-    driver = None
+    beliefs = None
     if isinstance(bundle, Bundle):
-        policy = OnnxWayPolicy(bundle)
-        driver = MapDriver(bundle.spec, exo2ego=OnnxExo2Ego(bundle), policy=policy, tag_height_m=mount.height_m)
+        policy = OnnxFloorPolicy(bundle)
+        beliefs = MapBeliefs(bundle.spec, exo2ego=OnnxExo2Ego(bundle), policy=policy, tag_height_m=mount.height_m)
     return MapPipeline(
         depth=OnnxDepth(bundle),
         disparity_hw=bundle.spec.disparity_hw,
         tags=_tag_detector(robots),
         senses=senses,
         shape=RobotShape(mount, settings.robot_length_m, settings.robot_width_m),
-        driver=driver,
+        beliefs=beliefs,
         keeper=CalibrationKeeper(folder, camera) if folder is not None else None,
         max_sighting_age_s=settings.max_sighting_age_s,
     )

@@ -234,7 +234,7 @@ def _map_policy(spec: ObservationSpec) -> Contract:
         "goal": (None, 2),
         "ego": (None, 1, spec.ego_px, spec.ego_px),
     }
-    return inputs, {"waypoints": (None, spec.waypoints, 2), "occupied": (None, side, side)}
+    return inputs, {"occupied": (None, side, side)}
 
 
 def _check_model(model: OnnxModel, inputs: dict[str, Shape], outputs: dict[str, Shape]) -> None:

@@ -190,8 +190,11 @@ class MapNavigator:
         if state.camera is not None and self._site.recalibrate(state):
             self._changed()
         self._see(stamp_ns, disparity, places)
-        routes = {robot: self._route(robot, goal, stamp_ns, places.get(robot), state) for robot, goal in goals.items()}
-        return NavigatorTick(routes, places, self._site.grid(stamp_ns), state)
+        grid = self._site.grid(stamp_ns)
+        routes = {
+            robot: self._route(robot, goal, stamp_ns, places.get(robot), state, grid) for robot, goal in goals.items()
+        }
+        return NavigatorTick(routes, places, grid, state)
 
     def _observe(self, sighting: RobotSighting) -> None:
         each = self._robots[sighting.robot]
@@ -228,7 +231,13 @@ class MapNavigator:
         self._site.see(stamp_ns, disparity, bodies, unplaced)
 
     def _route(
-        self, robot: str, goal: GoalPixel, stamp_ns: int, place: Pose2 | None, state: CalibrationState
+        self,
+        robot: str,
+        goal: GoalPixel,
+        stamp_ns: int,
+        place: Pose2 | None,
+        state: CalibrationState,
+        grid: FloorGrid | None,
     ) -> MapRoute:
         each = self._robots[robot]
         if each.sighting is None:
@@ -239,7 +248,6 @@ class MapNavigator:
         pixel = np.asarray(goal.normalised) * np.array(self._site.size_px) - 0.5
         if state.camera is None or place is None or not state.leads:
             return self._first_steps(each, pixel, stamp_ns, state)
-        grid = self._site.grid(stamp_ns)
         if grid is None and state.status == "learning":
             return self._first_steps(each, pixel, stamp_ns, state)
         if grid is None:
@@ -251,7 +259,7 @@ class MapNavigator:
         target_m = each.search.target_m(goal.id, goal_m, np.array(place[:2]), hidden_m=hidden_m, stamp_ns=stamp_ns)
         if target_m is None:
             return MapRoute(None, None, "the camera sees the robot nowhere near its goal", goal_m)
-        believed = self._site.believed_grid(grid)
+        believed = self._site.believed_grid(grid, stamp_ns)
         plan = each.planner.plan(believed, place, target_m, goal_id=goal.id, stamp_ns=stamp_ns)
         reason = plan.reason or self._site.reason
         if each.search.searching:

@@ -1,6 +1,6 @@
-"""The server's tick over the map: picture → depth, tags → map of the floor → a way for each robot → its policy's word.
+"""The server's tick over the map: picture → depth, tags → map of the floor → a way for each robot.
 
-Stands in the place of :class:`revnm_server.pipeline.Pipeline`; without a policy the ways are driven as they are. What
+Stands in the place of :class:`revnm_server.pipeline.Pipeline`; a policy corrects and completes the map. What
 it knows of the camera it has learnt from the robots' odometry, and the robots' scans correct its map.
 """
 
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from revnm_server.calibration.calibrator import CalibrationState, Calibrator
 from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.frame import Frame, RobotSighting
-from revnm_server.map_driver import MapDriver
+from revnm_server.map_beliefs import MapBeliefs
 from revnm_server.map_navigator import MapNavigator, MapRoute, NavigatorTick, RobotShape
 from revnm_server.observation import Image32, normalise_disparity
 from revnm_server.pipeline import RobotPlan, TickResult
@@ -45,7 +44,7 @@ class MapPipeline:
         tags: SightingSource,
         senses: Mapping[str, Senses],
         shape: RobotShape,
-        driver: MapDriver | None = None,
+        beliefs: MapBeliefs | None = None,
         keeper: CalibrationKeeper | None = None,
         max_sighting_age_s: float = 1.0,
     ) -> None:
@@ -57,12 +56,12 @@ class MapPipeline:
             tags: Sees where robots are.
             senses: By robot, what it measures itself.
             shape: Of each robot.
-            driver: Corrects the ways; None drives them as they are.
+            beliefs: Correct and complete the map; None plans on what was measured alone.
             keeper: Keeps the calibration over a restart; None keeps nothing.
             max_sighting_age_s: For how long the last sighting of a hidden robot is shown.
         """
         self._depth, self._hw, self._tags = depth, disparity_hw, tags
-        self._senses, self._shape, self._keeper, self._driver = senses, shape, keeper, driver
+        self._senses, self._shape, self._keeper, self._beliefs = senses, shape, keeper, beliefs
         self._max_sighting_age_s = max_sighting_age_s
         self._size_px: tuple[int, int] | None = None
         self._resized: str | None = None
@@ -91,9 +90,8 @@ class MapPipeline:
             with timed(timings_ms, "map"):
                 tick = self._navigate(frame, disparity, sightings, goals)
             egos: dict[str, Image32] = {}
-            if self._driver is not None:
-                routes, egos = self._driver.refine(tick, self._site, disparity, frame.stamp_ns, timings_ms)
-                tick = replace(tick, routes=routes)
+            if self._beliefs is not None:
+                egos = self._beliefs.renew(tick, self._site, disparity, frame.stamp_ns, timings_ms)
         plans = tuple(
             RobotPlan(robot, route.waypoints_m, frame.stamp_ns, goals[robot].id)
             for robot, route in tick.routes.items()

@@ -1,4 +1,4 @@
-"""The navigation policies: the paper's (section III-B), from disparity, ego depth, pose and goal; and the map's."""
+"""The navigation policies: the paper's (section III-B), which leads robots, and one that advises the map's planner."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from revnm_server.observation import Image32
 
 if TYPE_CHECKING:
     from revnm_server.bundle import Bundle
-    from revnm_server.ports import PlanRequest, WayRequest
+    from revnm_server.ports import BeliefRequest, PlanRequest
 
 
 class OnnxPolicy:
@@ -41,19 +41,19 @@ class OnnxPolicy:
         return np.asarray(outputs["waypoints"], dtype=np.float64)
 
 
-class OnnxWayPolicy:
-    """A bundle's policy that sees the map, one batch over all robots; see :class:`revnm_server.ports.WayPolicy`."""
+class OnnxFloorPolicy:
+    """A bundle's policy that sees the map, one batch over all robots; see :class:`revnm_server.ports.FloorPolicy`."""
 
     def __init__(self, bundle: Bundle) -> None:
         """Take the network from the bundle."""
         self._model = bundle.policy
 
-    def correct(self, requests: Sequence[WayRequest]) -> tuple[FloatArray, Image32]:
-        """Return waypoints (R, H, 2), metres, robot frame, and what stands around, (R, side, side); R is at least 1."""
-        outputs = self._model.run(
+    def believe(self, requests: Sequence[BeliefRequest]) -> Image32:
+        """Return the probabilities (R, side, side) that something stands in a window's cells; R is at least 1."""
+        occupied: Image32 = self._model.run(
             map=np.stack([request.window for request in requests]),
             way=np.stack([request.way for request in requests]).astype(np.float32),
             goal=np.stack([request.goal for request in requests]).astype(np.float32),
             ego=np.stack([request.ego for request in requests])[:, None],
-        )
-        return np.asarray(outputs["waypoints"], dtype=np.float64), outputs["occupied"]
+        )["occupied"]
+        return occupied

@@ -74,7 +74,7 @@ class PlanRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class WayRequest:
+class BeliefRequest:
     """One robot's input to a policy that sees the map.
 
     Attributes:
@@ -143,12 +143,9 @@ class Planner(Protocol):
         ...
 
 
-class WayPolicy(Protocol):
-    """Corrects the planner's ways."""
+class FloorPolicy(Protocol):
+    """Judges the floor around robots, seen or hidden."""
 
-    def correct(self, requests: Sequence[WayRequest]) -> tuple[FloatArray, Image32]:
-        """Return waypoints (R, H, 2), metres, robot frame, and what it believes to stand around, (R, side, side).
-
-        The latter are probabilities. R is at least 1.
-        """
+    def believe(self, requests: Sequence[BeliefRequest]) -> Image32:
+        """Return the probabilities (R, side, side) that something stands in a window's cells; R is at least 1."""
         ...

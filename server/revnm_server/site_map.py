@@ -27,7 +27,8 @@ _SHIFT = 0.02  # of its distance: a place that moves more asks for a new map
 _SURER = 0.7  # of its spread: a calibration that is so much surer, too
 _LONGEST_WITHOUT_NS = 2_000_000_000
 _NS_PER_S = 1e9
-_LARGEST_BELIEF = np.float32(0.9)  # less than what the planner calls sure: nothing is shut that nobody has seen
+_FRESH_NS = 1_000_000_000
+_LARGEST_BELIEF = np.float32(0.9)  # less than what the planner calls sure
 
 
 class SiteMap:
@@ -115,20 +116,32 @@ class SiteMap:
         self.reason, self.lifted = "", lifted
         self._seen, self._seen_ns = self._mapper.draw(lifted, remembered.age_s, bodies), stamp_ns
 
-    def believe(self, window: Image32, floor_from_robot: Pose2) -> None:
-        """Take what a policy believes to stand around a robot, (side, side) probabilities, for floor that is not known.
+    def believe(self, window: Image32, floor_from_robot: Pose2, stamp_ns: int) -> None:
+        """Take what a policy believes to stand around a robot, (side, side) probabilities, as of a time.
 
         It is kept where no newer belief lies on it, until the map's frame changes.
         """
-        drawn = onto_grid(window, self._blank(), floor_from_robot)
-        self._believed = drawn if self._believed is None else np.where(np.isnan(drawn), self._believed, drawn)
+        drawn = onto_grid(window, self._spec.unknown(), floor_from_robot)
+        if self._believed is None:
+            self._believed = np.full_like(drawn, np.nan)
+            self._believed_ns = np.zeros(drawn.shape, dtype=np.int64)
+        new = ~np.isnan(drawn)
+        self._believed[new], self._believed_ns[new] = drawn[new], stamp_ns
 
-    def believed_grid(self, grid: FloorGrid) -> FloorGrid:
-        """Return a map with beliefs in the cells of which nothing is known; none of them is sure of an obstacle."""
+    def believed_grid(self, grid: FloorGrid, stamp_ns: int) -> FloorGrid:
+        """Return a map with beliefs in it, as of a time.
+
+        Where nothing is known they count however old they are. Where the camera sees, those of just now take the map's
+        place: a policy has learnt how depth is wrong. What a scan has met stays. None is sure of an obstacle: a policy
+        makes ways dear, but shuts none.
+        """
         if self._believed is None:
             return grid
-        believed = ~grid.known & np.isfinite(self._believed)
-        obstacle = np.where(believed, np.minimum(self._believed, _LARGEST_BELIEF), grid.obstacle)
+        fresh = stamp_ns - self._believed_ns <= _FRESH_NS
+        open_to = (fresh | ~grid.known) & ~np.isnan(self._believed)
+        if self._scans is not None:
+            open_to &= ~self._scans.met
+        obstacle = np.where(open_to, np.minimum(self._believed, _LARGEST_BELIEF), grid.obstacle)
         return replace(grid, obstacle=obstacle.astype(np.float32))
 
     def scans_alone(self) -> Image32 | None:
@@ -146,13 +159,7 @@ class SiteMap:
         seen = self._seen if stamp_ns - self._seen_ns <= _LONGEST_WITHOUT_NS else None
         if self._scans is None:
             return seen
-        return self._scans.fuse(seen or self._blank(), stamp_ns / _NS_PER_S)
-
-    def _blank(self) -> FloorGrid:
-        """Return a map on which nothing was seen."""
-        shape = self._spec.shape
-        unknown, never = np.full(shape, 0.5, dtype=np.float32), np.full(shape, np.inf, dtype=np.float32)
-        return FloorGrid(self._spec.origin_m, self._spec.cell_m, unknown, np.zeros(shape, dtype=np.bool_), never)
+        return self._scans.fuse(seen or self._spec.unknown(), stamp_ns / _NS_PER_S)
 
     def _shift(self, camera: FloorCamera) -> float:
         """Return how far the places of some pixels move with a new calibration, as a share of their distance."""

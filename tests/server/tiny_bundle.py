@@ -34,13 +34,13 @@ def write_tiny_bundle(folder: Path, *, steer: Steer = "goal", history: int = 1, 
         folder: Where to write.
         steer: ``"ahead"`` or ``"goal"``.
         history: N, frames of history, 0.2 s apart.
-        sees: With ``"map"``, the policy drives the planner's way as it is, and believes nothing; waypoints are 0.4 m
-            apart, and ``steer`` does not matter.
+        sees: With ``"map"``, the policy believes the map as it is; waypoints are 0.4 m apart, and ``steer`` does not
+            matter.
     """
     folder.mkdir(parents=True, exist_ok=True)
     onnx.save(depth_model(), folder / "depth.onnx")
     onnx.save(exo2ego_model(history, prior=sees == "map"), folder / "exo2ego.onnx")
-    policy = way_policy_model() if sees == "map" else policy_model(history, steer=steer)
+    policy = floor_policy_model() if sees == "map" else policy_model(history, steer=steer)
     onnx.save(policy, folder / "policy.onnx")
     (folder / MANIFEST).write_text(json.dumps(manifest(folder, history, sees), indent=1))
     return folder
@@ -159,23 +159,16 @@ def policy_model(history: int, *, steer: Steer) -> onnx.ModelProto:
     )
 
 
-def way_policy_model() -> onnx.ModelProto:
-    """``waypoints`` are the first of ``way``; ``occupied`` is a half everywhere."""
+def floor_policy_model() -> onnx.ModelProto:
+    """``occupied`` is what the map says."""
     nodes = [
-        helper.make_node("Slice", ["way", "first", "stop", "axis"], ["waypoints"]),
-        helper.make_node("ReduceMean", ["map"], ["mean"], axes=[1], keepdims=0),
-        helper.make_node("Mul", ["mean", "nothing"], ["flat"]),
-        helper.make_node("Add", ["flat", "half"], ["occupied"]),
+        helper.make_node("Gather", ["map", "obstacle"], ["occupied"], axis=1),
     ]
     return _model(
         nodes,
         {"map": ("R", 4, 96, 96), "way": ("R", 12, 2), "goal": ("R", 2), "ego": ("R", 1, EGO_PX, EGO_PX)},
-        {"waypoints": ("R", WAYPOINTS, 2), "occupied": ("R", 96, 96)},
-        first=np.array([0]),
-        stop=np.array([WAYPOINTS]),
-        axis=np.array([1]),
-        nothing=np.float32(0.0),
-        half=np.float32(0.5),
+        {"occupied": ("R", 96, 96)},
+        obstacle=np.array(0),
     )
 
 

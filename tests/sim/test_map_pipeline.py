@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,16 +11,18 @@ import pytest
 
 from revnm_client.errors import ContractError
 from revnm_client.geometry import FloatArray, Pose2
+from revnm_client.messages import Scan
 from revnm_server.calibration.calibrator import CalibrationState
 from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.floor_camera import FloorCamera
+from revnm_server.floor_grid import FloorGrid
 from revnm_server.frame import Frame
-from revnm_server.map_driver import MapDriver
+from revnm_server.map_beliefs import MapBeliefs
 from revnm_server.map_pipeline import MapPipeline, way_in_picture
 from revnm_server.map_window import WindowSpec, map_window
 from revnm_server.observation import Image32
 from revnm_server.pipeline import TickResult
-from revnm_server.ports import EgoRequest, Heard, WayRequest
+from revnm_server.ports import BeliefRequest, EgoRequest, Heard
 from revnm_server.site_map import SiteMap
 from revnm_server.way import at_lengths
 from revnm_training.preset import load_preset
@@ -27,6 +30,8 @@ from revnm_training.preset import load_preset
 from .map_room import CAMERA, GOAL_M, HW, SHAPE, SIZE_PX, Click, Room, Told, pixel_of
 
 SPEC = load_preset("edge").observation
+SECOND_NS = 1_000_000_000
+BELIEVER = Pose2(6.0, 0.0, 0.5)
 CAMERA_BELIEF = FloorCamera(SIZE_PX, CAMERA.focal_px, CAMERA.pitch_rad, 0.0, 2.6)
 TICK_NS = 200_000_000
 U, V = pixel_of(*GOAL_M)
@@ -36,7 +41,7 @@ GOALS = {"rover": Click("g", (U / SIZE_PX[0], V / SIZE_PX[1]))}
 class Drive:
     """A map pipeline that drives the room's robot."""
 
-    def __init__(self, keeper: CalibrationKeeper | None = None, driver: MapDriver | None = None) -> None:
+    def __init__(self, keeper: CalibrationKeeper | None = None, beliefs: MapBeliefs | None = None) -> None:
         self.room, self.told = Room(), Told()
         self.pipeline = MapPipeline(
             depth=self.room,
@@ -44,7 +49,7 @@ class Drive:
             tags=self.room,
             senses={"rover": self.told},
             shape=SHAPE,
-            driver=driver,
+            beliefs=beliefs,
             keeper=keeper,
         )
         self.stamp_ns = 0
@@ -179,28 +184,27 @@ class Scripted:
     def __init__(self, belief: float = 0.1) -> None:
         self.belief = belief
         self.egos: list[EgoRequest] = []
-        self.ways: list[WayRequest] = []
+        self.asked: list[BeliefRequest] = []
 
     def synthesise(self, requests: Sequence[EgoRequest]) -> Image32:
         self.egos = list(requests)
         return np.ones((len(requests), SPEC.ego_px, SPEC.ego_px), dtype=np.float32)
 
-    def correct(self, requests: Sequence[WayRequest]) -> tuple[FloatArray, Image32]:
-        self.ways = list(requests)
+    def believe(self, requests: Sequence[BeliefRequest]) -> Image32:
+        self.asked = list(requests)
         side = WindowSpec().side
-        waypoints = np.stack([request.way[: SPEC.waypoints] + np.array([0.0, 0.01]) for request in requests])
-        return waypoints, np.full((len(requests), side, side), self.belief, dtype=np.float32)
+        return np.full((len(requests), side, side), self.belief, dtype=np.float32)
 
 
-def test_a_policy_sees_the_way_and_the_map_and_has_the_last_word() -> None:
+def test_a_policy_sees_the_way_the_map_and_what_the_robot_would_see() -> None:
     networks = Scripted()
-    drive = Drive(driver=MapDriver(SPEC, exo2ego=networks, policy=networks, tag_height_m=SHAPE.mount.height_m))
+    drive = Drive(beliefs=MapBeliefs(SPEC, exo2ego=networks, policy=networks, tag_height_m=SHAPE.mount.height_m))
     result = drive.until_led()
-    (seen,), (ego,) = networks.ways, networks.egos
+    (seen,), (ego,) = networks.asked, networks.egos
     assert result.site is not None
     route, place = result.site.routes["rover"], result.site.places["rover"]
     assert route.way_m is not None
-    np.testing.assert_allclose(result.plans[0].waypoints_m, seen.way[: SPEC.waypoints] + np.array([0.0, 0.01]))
+    np.testing.assert_allclose(result.plans[0].waypoints_m, seen.way[: SPEC.waypoints], atol=1e-9)
     np.testing.assert_allclose(place.apply(seen.way), at_lengths(route.way_m, 0.4 * np.arange(1, 13)), atol=1e-9)
     np.testing.assert_allclose(place.apply(seen.goal), route.goal_m)
     assert result.site.grid is not None
@@ -218,7 +222,7 @@ def test_a_policy_sees_the_way_and_the_map_and_has_the_last_word() -> None:
 def test_the_robot_arrives_with_a_policy_that_believes_the_best_and_with_one_that_believes_the_worst() -> None:
     for belief in (0.0, 1.0):
         networks = Scripted(belief)
-        drive = Drive(driver=MapDriver(SPEC, exo2ego=networks, policy=networks, tag_height_m=SHAPE.mount.height_m))
+        drive = Drive(beliefs=MapBeliefs(SPEC, exo2ego=networks, policy=networks, tag_height_m=SHAPE.mount.height_m))
         for _ in range(90):
             result = drive.tick()
             assert result.site is not None
@@ -227,22 +231,53 @@ def test_the_robot_arrives_with_a_policy_that_believes_the_best_and_with_one_tha
         assert drive.room.distance_m() < 0.35
 
 
-def test_beliefs_fill_what_nobody_saw_and_nothing_else() -> None:
+def believing_site() -> tuple[SiteMap, FloorGrid]:
+    """A map of which a strip was just seen, and the best and the worst that were believed at second 10."""
     site = SiteMap(SIZE_PX, HW)
-    state = CalibrationState("good", CAMERA_BELIEF, np.zeros((5, 5)), 0.0, 0.0, 1.0, 9, 3.0, None)
-    site.recalibrate(state)
-    plain = site.grid(0)
-    assert plain is not None
-    plain.obstacle[:, :100], plain.age_s[:, :100] = 0.2, 0.0
-    place = Pose2(6.0, 0.0, 0.5)
+    site.recalibrate(CalibrationState("good", CAMERA_BELIEF, np.zeros((5, 5)), 0.0, 0.0, 1.0, 9, 3.0, None))
+    grid = site.grid(0)
+    assert grid is not None
+    grid.obstacle[:, :100], grid.age_s[:, :100] = 0.2, 0.0
     side = WindowSpec().side
-    site.believe(np.full((side, side), 0.97, dtype=np.float32), place)
-    site.believe(np.full((side, side), 0.03, dtype=np.float32), place @ Pose2(20.0, 0.0, 0.0))
-    believed = site.believed_grid(plain)
+    site.believe(np.full((side, side), 0.97, dtype=np.float32), BELIEVER, 10 * SECOND_NS)
+    site.believe(np.full((side, side), 0.03, dtype=np.float32), BELIEVER @ Pose2(20.0, 0.0, 0.0), 10 * SECOND_NS)
+    return site, grid
+
+
+def cell(grid: FloorGrid, point_m: FloatArray) -> tuple[int, int]:
+    row, column = np.rint(grid.cells(point_m)).astype(int)
+    return int(row), int(column)
+
+
+def test_beliefs_fill_what_nobody_saw_however_old_they_are() -> None:
+    site, plain = believing_site()
+    believed = site.believed_grid(plain, 60 * SECOND_NS)
     assert (believed.obstacle[:, :100] == np.float32(0.2)).all()  # what is known stays
-    row, column = np.rint(plain.cells(place.apply(np.array([3.0, 0.0])))).astype(int)
-    assert believed.obstacle[row, column] == pytest.approx(0.9)  # never sure: nothing is shut by it
-    far = np.rint(plain.cells(np.array([20.0, -9.0]))).astype(int)
-    assert believed.obstacle[far[0], far[1]] == 0.5  # no window lay there
+    # Never sure: nothing is shut by it.
+    assert believed.obstacle[cell(plain, BELIEVER.apply(np.array([3.0, 0.0])))] == pytest.approx(0.9)
+    assert believed.obstacle[cell(plain, np.array([20.0, -9.0]))] == 0.5  # no window lay there
     assert believed.obstacle.min() == pytest.approx(0.03)
     np.testing.assert_array_equal(believed.floor, plain.floor)
+
+
+def test_beliefs_of_now_take_the_place_of_what_the_camera_saw() -> None:
+    site, plain = believing_site()
+    here = cell(plain, np.array([6.5, 0.0]))
+    assert plain.known[here]
+    assert site.believed_grid(plain, 10 * SECOND_NS).obstacle[here] == pytest.approx(0.9)
+    assert site.believed_grid(plain, 12 * SECOND_NS).obstacle[here] == np.float32(0.2)
+
+
+def test_what_a_scan_has_met_stays() -> None:
+    site, _ = believing_site()
+    ranges = np.full(360, 2.0, dtype=np.float32)
+    scan = Scan(0, -math.pi, math.tau / 360, 0.1, 8.0, ranges)
+    for _ in range(10):
+        site.hear_scan(scan, BELIEVER)
+    scanned = site.grid(0)
+    assert scanned is not None
+    scanned.age_s[:] = 0.0
+    believed = site.believed_grid(scanned, 10 * SECOND_NS)
+    free, met = (cell(scanned, BELIEVER.apply(np.array([ahead_m, 0.0]))) for ahead_m in (1.0, 2.0))
+    assert believed.obstacle[free] == pytest.approx(0.9)  # something lower than the beams, perhaps
+    assert believed.obstacle[met] == scanned.obstacle[met] > 0.9

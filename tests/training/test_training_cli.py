@@ -80,7 +80,9 @@ def test_exo2ego_then_policy_learn_from_episodes(home, capsys) -> None:
     assert last < 0.85 * first
     record = load_checkpoint(home / "policy" / "last.pt", "policy").record
     measured = {"l1_m", "waypoint_5_m", "first_deg", "last_deg"}
-    assert measured | ({"way_l1_m", "hidden_nats", "cost_error"} if sees_map else set()) <= set(record["validation"])
+    if sees_map:
+        measured |= {"way_l1_m", "hidden_nats", "seen_nats", "seen_map_nats", "cost_error"}
+    assert measured <= set(record["validation"])
     assert record["data"]["imagined_ego_share"] == 0.75
     assert list((home / "cache").glob("imagined_*.npy"))
     drawn = cv2.imread(str(home / "policy" / "loss.png"))

@@ -54,16 +54,16 @@ class PolicyGraph(nn.Module):
 
 
 class MapPolicyGraph(nn.Module):
-    """The policy over the map as it is deployed: z at the prior's mean, waypoints and what stands around."""
+    """The policy over the map as it is deployed: what stands around; the other heads only teach it."""
 
     def __init__(self, policy: MapPolicy) -> None:
         super().__init__()
         self.policy = policy
 
-    def forward(self, map: Tensor, way: Tensor, goal: Tensor, ego: Tensor) -> tuple[Tensor, Tensor]:  # noqa: A002
-        """Return waypoints (R, H, 2), metres, and probabilities (R, side, side)."""
-        output = self.policy(map, way, goal, ego)
-        return output.waypoints, output.occupied.sigmoid()
+    def forward(self, map: Tensor, way: Tensor, goal: Tensor, ego: Tensor) -> Tensor:  # noqa: A002
+        """Return probabilities (R, side, side)."""
+        occupied: Tensor = self.policy(map, way, goal, ego).occupied.sigmoid()
+        return occupied
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ def _policy_graph(preset: Preset) -> Graph:
             "goal": (2,),
             "ego": (1, spec.ego_px, spec.ego_px),
         }
-        return Graph(MapPolicyGraph(network), seen, ("waypoints", "occupied"), True)
+        return Graph(MapPolicyGraph(network), seen, ("occupied",), True)
     assert isinstance(network, ActPolicy)
     exo, ego = (spec.history, 1, *spec.exo_hw), (spec.history, 1, spec.ego_px, spec.ego_px)
     seen = {"exo": exo, "ego": ego, "robot": (2,), "heading": (2,), "goal": (2,)}

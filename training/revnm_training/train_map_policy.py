@@ -23,6 +23,7 @@ _VALIDATION_SAMPLES = 2048
 _VALIDATION_BATCH = 128
 _NEAR_CELLS = slice(8, 88)  # within 4 m
 _COST_MIDDLE = 127.0
+_LEAST = 1e-3  # probability
 
 
 class MapPolicyTask:
@@ -58,12 +59,13 @@ class MapPolicyTask:
         """Return errors of the waypoints, beside those of the way that came in, and of the dense heads.
 
         ``hidden_nats`` is the cross entropy of what stands in cells within 4 m that the map does not know, and
-        ``hidden_base_nats`` that of their mean.
+        ``hidden_base_nats`` that of their mean; ``seen_nats`` that in those that it knows, and ``seen_map_nats`` the
+        map's own.
         """
         chosen = self._samples.validation
         chosen = chosen[:: max(1, len(chosen) // _VALIDATION_SAMPLES)]
         predicted, true, ways = [], [], []
-        hidden = _Hidden()
+        dense = _DenseErrors()
         for start in range(0, len(chosen), _VALIDATION_BATCH):
             index = chosen[start : start + _VALIDATION_BATCH]
             batch = {name: x.to(device) for name, x in self._gather(index, np.full(len(index), True)).items()}
@@ -72,10 +74,10 @@ class MapPolicyTask:
             predicted.append(output.waypoints.float().cpu().numpy())
             true.append(batch["waypoints"].cpu().numpy())
             ways.append(batch["way"][:, : true[-1].shape[1]].cpu().numpy())
-            hidden.add(window, output, _dense(batch))
+            dense.add(window, output, _dense(batch))
         errors = waypoint_errors(np.concatenate(predicted), np.concatenate(true))
         by_way = waypoint_errors(np.concatenate(ways), np.concatenate(true))
-        return errors | {f"way_{name}": by_way[name] for name in ("l1_m", "first_deg", "last_deg")} | hidden.measured()
+        return errors | {f"way_{name}": by_way[name] for name in ("l1_m", "first_deg", "last_deg")} | dense.measured()
 
     def _gather(self, index: NDArray[np.int64], is_imagined: NDArray[np.bool_]) -> Batch:
         index = np.sort(index)
@@ -94,27 +96,42 @@ def _dense(batch: Batch) -> Dense:
     return Dense(batch["occupied"].float(), cost.float() / _COST_MIDDLE - 1.0, (cost != UNREACHED).float())
 
 
-class _Hidden:
+class _DenseErrors:
     """Sums up the dense heads' errors."""
 
     def __init__(self) -> None:
-        self._nats = self._cells = self._standing = self._cost = self._batches = 0.0
+        self._sums = dict.fromkeys(("hidden", "hidden_nats", "standing", "seen", "seen_nats", "map_nats"), 0.0)
+        self._cost = self._batches = 0.0
 
     def add(self, window: Tensor, output: MapPolicyOutput, dense: Dense) -> None:
         near = (slice(None), _NEAR_CELLS, _NEAR_CELLS)
         hidden = window[:, LAYERS.index("unseen")][near] > 0.5
-        logits, truth = output.occupied.float()[near][hidden], dense.occupied[near][hidden]
-        self._nats += float(functional.binary_cross_entropy_with_logits(logits, truth, reduction="sum"))
-        self._cells += len(truth)
-        self._standing += float(truth.sum())
+        logits, truth = output.occupied.float()[near], dense.occupied[near]
+        measured = window[:, LAYERS.index("obstacle")][near].clamp(_LEAST, 1.0 - _LEAST).logit()
+        self._count("hidden", hidden)
+        self._count("seen", ~hidden)
+        self._count("standing", truth[hidden])
+        self._count("hidden_nats", _nats(logits, truth)[hidden])
+        self._count("seen_nats", _nats(logits, truth)[~hidden])
+        self._count("map_nats", _nats(measured, truth)[~hidden])
         self._cost += float(((output.cost.float() - dense.cost).abs() * dense.reached).sum() / dense.reached.sum())
         self._batches += 1.0
 
     def measured(self) -> dict[str, float]:
-        share = min(max(self._standing / max(self._cells, 1.0), 1e-6), 1.0 - 1e-6)
-        base = -share * np.log(share) - (1.0 - share) * np.log(1.0 - share)
+        sums = self._sums
+        hidden, seen = max(sums["hidden"], 1.0), max(sums["seen"], 1.0)
+        share = min(max(sums["standing"] / hidden, _LEAST), 1.0 - _LEAST)
         return {
-            "hidden_nats": self._nats / max(self._cells, 1.0),
-            "hidden_base_nats": float(base),
+            "hidden_nats": sums["hidden_nats"] / hidden,
+            "hidden_base_nats": float(-share * np.log(share) - (1.0 - share) * np.log(1.0 - share)),
+            "seen_nats": sums["seen_nats"] / seen,
+            "seen_map_nats": sums["map_nats"] / seen,
             "cost_error": self._cost / self._batches,
         }
+
+    def _count(self, name: str, values: Tensor) -> None:
+        self._sums[name] += float(values.sum())
+
+
+def _nats(logits: Tensor, truth: Tensor) -> Tensor:
+    return functional.binary_cross_entropy_with_logits(logits, truth, reduction="none")

@@ -17,7 +17,7 @@ from revnm_server.calibration.calibrator import Calibrator
 from revnm_server.calibration.keyframes import TagMount
 from revnm_server.depth import OnnxDepth
 from revnm_server.frame import Frame
-from revnm_server.map_driver import MapDriver
+from revnm_server.map_beliefs import MapBeliefs
 from revnm_server.map_navigator import MapNavigator, RobotShape
 from revnm_server.site_map import SiteMap
 from revnm_sim.bench.methods.method import MethodContext
@@ -32,12 +32,12 @@ class BevMethod:
 
     scans = True
 
-    def __init__(self, context: MethodContext, driver: MapDriver | None = None) -> None:
+    def __init__(self, context: MethodContext, beliefs: MapBeliefs | None = None) -> None:
         """Begin with an unknown camera.
 
         Args:
             context: The trial.
-            driver: Corrects the ways; None drives them as they are.
+            beliefs: Correct and complete the map; None plans on what was measured alone.
 
         Raises:
             FileError: The bundle, which perception ``models`` needs, does not fit.
@@ -53,7 +53,7 @@ class BevMethod:
         else:
             self._depth, grid_hw = TrueDisparity(scenario, self._simulation, _DISPARITY_HW), _DISPARITY_HW
         shape = RobotShape(TagMount(spec.tag_m, spec.top_m), spec.length_m, spec.width_m)
-        self._driver, self._site = driver, SiteMap(size_px, grid_hw, scans=self.scans)
+        self._beliefs, self._site = beliefs, SiteMap(size_px, grid_hw, scans=self.scans)
         self._navigator = MapNavigator({ROBOT: shape}, Calibrator(size_px), self._site)
         self._sightings = NoisySightings(scenario, self._simulation)
         self._image = np.zeros((camera.height_px, camera.width_px, 3), dtype=np.uint8)
@@ -77,10 +77,9 @@ class BevMethod:
         self._feed.scans.clear()
         disparity = self._depth.disparity(Frame(self._image, now_ns, 0))
         tick = self._navigator.step(now_ns, disparity, self._sightings.sightings(now_ns), self._goals)
-        if self._driver is None:
-            return tick.routes[ROBOT].waypoints_m
-        routes, _ = self._driver.refine(tick, self._site, disparity, now_ns, {})
-        return routes[ROBOT].waypoints_m
+        if self._beliefs is not None:
+            self._beliefs.renew(tick, self._site, disparity, now_ns, {})
+        return tick.routes[ROBOT].waypoints_m
 
 
 class BevNoLidarMethod(BevMethod):

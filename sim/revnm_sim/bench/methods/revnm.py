@@ -1,7 +1,7 @@
 """ReVNM: the server's own way from picture to waypoints with the models of a bundle, and the base of its ablations.
 
 A bundle whose policy sees the picture runs as in the paper (:mod:`revnm_sim.bench.methods.picture`). One whose policy
-sees the map runs as ``bev`` does, from nothing known of the camera, with the policy behind the planner.
+sees the map runs as ``bev`` does, from nothing known of the camera, but plans on what the policy makes of the map.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from pathlib import Path
 from revnm_client.geometry import FloatArray
 from revnm_server.bundle import Bundle, load_bundle
 from revnm_server.exo2ego import OnnxExo2Ego
-from revnm_server.map_driver import MapDriver
-from revnm_server.policy import OnnxWayPolicy
+from revnm_server.map_beliefs import MapBeliefs
+from revnm_server.policy import OnnxFloorPolicy
 from revnm_server.ports import EgoDepth
 from revnm_sim.bench.methods.bev import BevMethod
 from revnm_sim.bench.methods.method import Method, MethodContext
@@ -40,9 +40,9 @@ class RevnmMethod:
         if bundle.sees == "picture":
             self._method = PictureMethod(context, bundle, ego(bundle, context))
         else:
-            tag_m, policy = context.scenario.robot.top_m, OnnxWayPolicy(bundle)
-            driver = MapDriver(bundle.spec, exo2ego=ego(bundle, context), policy=policy, tag_height_m=tag_m)
-            self._method = BevMethod(context, driver)
+            tag_m, policy = context.scenario.robot.top_m, OnnxFloorPolicy(bundle)
+            beliefs = MapBeliefs(bundle.spec, exo2ego=ego(bundle, context), policy=policy, tag_height_m=tag_m)
+            self._method = BevMethod(context, beliefs)
 
     def look(self) -> None:
         """Take the picture, where depth comes from it."""

@@ -1,14 +1,16 @@
-"""The learnt driver over the map: corrects the planner's ways, and tells it what floor to expect where nobody saw it.
+"""What a policy makes of the map around each robot: it corrects what the camera saw wrong, and guesses what is hidden.
 
 route + map → window, way, goal  ┐
-disparity + place → crop, prior → exo2ego → ego depth  ┴→ policy → waypoints, beliefs
+disparity + place → crop, prior → exo2ego → ego depth  ┴→ policy → beliefs → map
+
+The planner plans on the map with the beliefs in it. Source of the idea: Ramakrishnan, Al-Halah and Grauman, 2020,
+arXiv:2008.09285 (occupancy anticipation).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +28,7 @@ from revnm_server.observation import (
     normalise_disparity,
     normalise_pixel,
 )
-from revnm_server.ports import EgoDepth, EgoRequest, WayPolicy, WayRequest
+from revnm_server.ports import BeliefRequest, EgoDepth, EgoRequest, FloorPolicy
 from revnm_server.site_map import SiteMap
 from revnm_server.stage_checks import check_array, timed
 from revnm_server.way import at_lengths
@@ -34,55 +36,52 @@ from revnm_server.way import at_lengths
 _STEP_M = 0.01
 
 
-class MapDriver:
-    """Refines the routes of one camera's robots."""
+class MapBeliefs:
+    """Renews the beliefs about one camera's map."""
 
-    def __init__(self, spec: ObservationSpec, *, exo2ego: EgoDepth, policy: WayPolicy, tag_height_m: float) -> None:
+    def __init__(self, spec: ObservationSpec, *, exo2ego: EgoDepth, policy: FloorPolicy, tag_height_m: float) -> None:
         """Assemble it.
 
         Args:
             spec: What the networks observe.
             exo2ego: Gives ego depth.
-            policy: Gives waypoints and beliefs.
+            policy: Gives beliefs.
             tag_height_m: Of the robots' tags over the floor.
         """
         self._spec, self._exo2ego, self._policy, self._tag_m = spec, exo2ego, policy, tag_height_m
 
-    def refine(
+    def renew(
         self, tick: NavigatorTick, site: SiteMap, disparity: Image32, stamp_ns: int, timings_ms: dict[str, float]
-    ) -> tuple[dict[str, MapRoute], dict[str, Image32]]:
-        """Let the policy correct the routes that follow a way on the map, and tell the map what it believes.
+    ) -> dict[str, Image32]:
+        """Let the policy judge the floor around each robot that follows a way on the map, for the next plan.
 
         Args:
             tick: What the navigator made of the picture.
-            site: The map.
+            site: The map; takes the beliefs.
             disparity: (h, w) of the picture.
             stamp_ns: Its capture time.
             timings_ms: Takes the durations of ``exo2ego`` and ``policy``.
 
         Returns:
-            The routes of all robots, and the ego depth (ego_px, ego_px) of those that the policy led.
+            The ego depth (ego_px, ego_px) of those robots.
         """
         camera, grid = tick.calibration.camera, tick.grid
         led = [robot for robot, route in tick.routes.items() if route.way_m is not None and route.aim_m is not None]
         if camera is None or grid is None or not led:
-            return dict(tick.routes), {}
+            return {}
         with timed(timings_ms, "exo2ego"):
             egos = self._imagine(led, tick.places, camera, grid, site, disparity, stamp_ns)
         with timed(timings_ms, "policy"):
             scans = site.scans_alone()
-            requests = [
-                self._request(tick.routes[robot], tick.places[robot], grid, scans, ego)
-                for robot, ego in zip(led, egos, strict=True)
-            ]
-            waypoints, occupied = self._policy.correct(requests)
-            check_array("waypoints", waypoints, (len(led), self._spec.waypoints, 2))
+            occupied = self._policy.believe(
+                [
+                    self._request(tick.routes[robot], tick.places[robot], grid, scans, ego)
+                    for robot, ego in zip(led, egos, strict=True)
+                ]
+            )
         for robot, belief in zip(led, occupied, strict=True):
-            site.believe(belief, tick.places[robot])
-        refined = {
-            robot: replace(tick.routes[robot], waypoints_m=each) for robot, each in zip(led, waypoints, strict=True)
-        }
-        return {**tick.routes, **refined}, dict(zip(led, egos, strict=True))
+            site.believe(belief, tick.places[robot], stamp_ns)
+        return dict(zip(led, egos, strict=True))
 
     def _imagine(
         self,
@@ -110,12 +109,12 @@ class MapDriver:
 
     def _request(
         self, route: MapRoute, place: Pose2, grid: FloorGrid, scans: Image32 | None, ego: Image32
-    ) -> WayRequest:
+    ) -> BeliefRequest:
         assert route.way_m is not None
         assert route.aim_m is not None
         lengths = self._spec.spacing_m * np.arange(1.0, WAY_POINTS + 1.0)
         way = place.inverse().apply(at_lengths(route.way_m, lengths))
-        return WayRequest(map_window(grid, place, scans), way, place.inverse().apply(route.aim_m), ego)
+        return BeliefRequest(map_window(grid, place, scans), way, place.inverse().apply(route.aim_m), ego)
 
 
 def image_pose(camera: FloorCamera, place: Pose2, tag_height_m: float) -> ImagePose:
