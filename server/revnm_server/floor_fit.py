@@ -7,6 +7,7 @@ lies on the other side. Imports numpy only.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,9 @@ from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
 
-_TOLERANCE = 0.02  # of the disparity's span, at the start
+_TOLERANCES = (0.02, 0.005)  # of the disparity's span, at the start
+_SHARP = 0.004  # of the span: a floor that scatters less needs no second look
+_BELOW_SPAN = 0.04
 _LEAST_SIGMA = 2e-4  # of the span
 _ROUNDS = 10
 _SAMPLES = 700  # pixels that judge a guess
@@ -65,11 +68,29 @@ def fit_floor(nearness: FloatArray, disparity: FloatArray, previous: FloorLine |
     span = float(high - low)
     if not span > 1e-6 * max(abs(float(high)), 1e-6):
         return "the depth picture is flat"
-    start = _start(nearness, disparity, _TOLERANCE * span, previous)
-    if start is None:
+    best = _best(nearness, disparity, span, previous)
+    if best is None:
         return "no floor in the depth picture: nothing below the horizon gets nearer towards the camera"
-    line, below = _refine(nearness, disparity, start, span)
+    line, below = best
     return _doubt(line, below, nearness, disparity) or line
+
+
+def _best(
+    nearness: FloatArray, disparity: FloatArray, span: float, previous: FloorLine | None
+) -> tuple[FloorLine, float] | None:
+    """Return the likeliest line and the share of pixels below it.
+
+    Where things of the floor's own slope fill most of the picture, a wide look takes them and the floor for one
+    scattered plane; a narrow one finds the floor alone. Which is likelier if all else is spread evenly over the span?
+    """
+    found: list[tuple[FloorLine, float]] = []
+    for tolerance in _TOLERANCES:
+        start = _start(nearness, disparity, tolerance * span, previous)
+        if start is not None:
+            found.append(_refine(nearness, disparity, start, span, tolerance))
+            if found[-1][0].sigma < _SHARP * span:
+                break
+    return max(found, key=lambda fit: fit[0].share * math.log(span / fit[0].sigma), default=None)
 
 
 def _start(
@@ -118,11 +139,11 @@ def _scores(
 
 
 def _refine(
-    nearness: FloatArray, disparity: FloatArray, start: tuple[float, float], span: float
+    nearness: FloatArray, disparity: FloatArray, start: tuple[float, float], span: float, tolerance: float
 ) -> tuple[FloorLine, float]:
     """Reweight least squares (Tukey's biweight); return the line and the share of pixels below it."""
     scale, shift = start
-    sigma, least = _TOLERANCE * span, _LEAST_SIGMA * span
+    sigma, least = tolerance * span, _LEAST_SIGMA * span
     rest = disparity - scale * nearness - shift
     for _ in range(_ROUNDS):
         near = np.abs(rest) < 3.0 * sigma
@@ -140,7 +161,7 @@ def _refine(
         if 0.98 < sigma / before < 1.02:
             break
     share = float((np.abs(rest) < 3.0 * sigma).mean())
-    below = float((rest < -max(4.0 * sigma, 2.0 * _TOLERANCE * span)).mean())
+    below = float((rest < -max(4.0 * sigma, _BELOW_SPAN * span)).mean())
     return FloorLine(max(scale, 1e-12), shift, sigma, share), below
 
 

@@ -11,12 +11,17 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
+from revnm_server.floor_view import floor_view
+from revnm_server.lift import FloorLifter, Lifted
 from revnm_server.map_window import WindowSpec
+from revnm_sim.bench.protocol import draw_setting
 from revnm_sim.camera import Camera
 from revnm_sim.cli import main
 from revnm_sim.lift_faults import CALIBRATIONS, DEPTHS
-from revnm_sim.lift_truth import score, true_window
+from revnm_sim.lift_trial import HW
+from revnm_sim.lift_truth import exact_calibration, score, true_window
 from revnm_sim.occupancy import occupancy
+from revnm_sim.raycast import cast_depth, disparity_from_depth
 from revnm_sim.world import Bounds, Primitive, Shape, World, primitive_arrays
 
 SPEC = WindowSpec()
@@ -93,3 +98,16 @@ def test_the_command_writes_rows_that_meet_the_bars(tmp_path: Path, capsys: pyte
 def test_an_unknown_case_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["lift", "--case", "exact/perfect", "--out", str(tmp_path)]) == 2
     assert "exact/perfect" in capsys.readouterr().err
+
+
+def test_floor_is_found_where_a_quarter_of_what_lies_below_the_horizon_is_floor() -> None:
+    """Seen with a wide look, the furniture of this hall and its floor are one scattered plane."""
+    setting = draw_setting("aisles", seed=7200, pair=7, cameras=1, rule="blocked")
+    camera = setting.cameras[0]
+    depth = cast_depth(primitive_arrays(setting.site.world.primitives), camera, HW)
+    view = floor_view(exact_calibration(camera), HW)
+    lifted = FloorLifter(view).lift(disparity_from_depth(depth), np.ones(HW, dtype=np.bool_))
+    assert isinstance(lifted, Lifted)
+    assert lifted.line.share < 0.35
+    assert lifted.line.scale == pytest.approx(1.0, abs=1e-3)
+    assert lifted.line.shift == pytest.approx(0.0, abs=1e-3)
