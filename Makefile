@@ -1,8 +1,8 @@
 # make demo   a robot in a simulated room, driven by clicks: HEADLESS=1 sets the goal itself, SEED=n picks the room,
-#             PLANNER=bev drives by the map that the camera learns
+#             PLANNER=bev plans without the learnt policy
 # make check  format, lint, types, architecture
 # make test   all tests but the slow ones
-# make train  makes data and trains the edge models from nothing (an hour and a half), into runs/
+# make train  makes data and trains the edge models from nothing (three hours on two cores), into runs/
 
 PYTHON ?= python3
 VENV := .venv
@@ -34,11 +34,13 @@ test-slow: $(VENV)/dev.stamp
 	$(BIN)/pytest --quiet -m slow
 
 train: $(VENV)/dev.stamp
-	$(TRAIN) synth --episodes 5000 --out data/edge --jobs $(JOBS)
+	$(TRAIN) synth --episodes 6000 --seed 20 --out data/edge --jobs $(JOBS)
 	$(TRAIN) depth --cache data/pictures --out runs/depth --pictures 10000 --steps 1100 --resume
-	$(TRAIN) exo2ego --data data/edge --cache data/samples --out runs/exo2ego --steps 1300 --resume
-	$(TRAIN) policy --data data/edge --cache data/samples --exo2ego runs/exo2ego/last.pt --out runs/policy --steps 1600 --resume
-	$(TRAIN) export --depth runs/depth/last.pt --exo2ego runs/exo2ego/last.pt --policy runs/policy/last.pt --out runs/edge
+	$(TRAIN) exo2ego --data data/edge --cache data/samples --out runs/exo2ego --steps 600 --resume
+	$(TRAIN) policy --data data/edge --cache data/samples --exo2ego runs/exo2ego/last.pt --out runs/policy --steps 2200 --resume
+	$(TRAIN) dagger --data data/edge --cache data/samples --exo2ego runs/exo2ego/last.pt --policy runs/policy/last.pt \
+	    --depth runs/depth/last.pt --rounds 1 --rollouts 60 --steps 2000 --perception models --seed 500 --out runs/dagger
+	$(TRAIN) export --depth runs/depth/last.pt --exo2ego runs/exo2ego/last.pt --policy runs/dagger/round_1/policy/last.pt --out runs/edge
 
 clean:
 	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
