@@ -211,4 +211,4 @@ def test_map_policy_loss_by_hand(edge: Preset) -> None:
     assert losses["l1"].item() == pytest.approx(1.0)
     assert losses["occupied"].item() == pytest.approx(np.log(2.0))
     assert losses["cost"].item() == pytest.approx(0.5)  # the cell without a way does not count
-    assert losses["loss"].item() == pytest.approx(1.0 + 0.5 * np.log(2.0) + 0.5 * 0.5)
+    assert losses["loss"].item() == pytest.approx(1.0 + 2.0 * np.log(2.0) + 0.5 * 0.5)
