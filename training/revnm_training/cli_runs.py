@@ -40,6 +40,9 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     _add_training(parser)
     parser.add_argument("--devices", type=int, default=1, help="graphics cards, or else processes, of each machine")
     parser.add_argument("--nodes", type=int, default=1, help="machines; start the command on each with torchrun")
+    parser.add_argument(
+        "--accumulate", type=int, default=1, metavar="N", help="compute each batch in N parts, to save memory"
+    )
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
 
 
@@ -165,6 +168,7 @@ def _settings(options: argparse.Namespace) -> RunSettings:
         resume=options.resume,
         devices=options.devices,
         nodes=options.nodes,
+        accumulate=options.accumulate,
     )
 
 

@@ -31,6 +31,7 @@ class RunSettings:
         validations: How often to validate, evenly spread, the last at the end.
         devices: Of each machine.
         nodes: Machines.
+        accumulate: Parts of a batch that are computed one after the other, where it does not fit a device's memory.
     """
 
     out: Path
@@ -43,6 +44,7 @@ class RunSettings:
     validations: int = 5
     devices: int = 1
     nodes: int = 1
+    accumulate: int = 1
 
     def open_fabric(self) -> Fabric:
         """Start the run's processes; see :func:`revnm_training.devices.open_fabric`."""
