@@ -54,7 +54,7 @@ def _part(checkpoint: Checkpoint) -> dict[str, Any]:
     """Return what a manifest tells of a training run."""
     record = {name: value for name, value in checkpoint.record.items() if name != "validation"}
     return {
-        "run": {"seed": checkpoint.seed, "steps": checkpoint.steps, **record},
+        "run": {"seed": checkpoint.seed, "steps": checkpoint.step, "planned_steps": checkpoint.steps, **record},
         "data": checkpoint.record.get("data", {}),
         "validation": checkpoint.record["validation"],
     }
