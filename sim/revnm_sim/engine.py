@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
-import cv2
 from joblib import Parallel, delayed, parallel_config
 
 from revnm_client.errors import ConfigError, LinkError
@@ -61,13 +60,7 @@ class Engine:
                 yield from Parallel(n_jobs=self.jobs, return_as="generator_unordered")(calls)
 
 
-def leave_cores_to_others() -> None:
-    """Let this process, one of several that fill the machine, compute in one thread: OpenCV takes all cores else."""
-    cv2.setNumThreads(1)
-
-
 def _keep(function: Callable[[Item], Result], item: Item) -> tuple[Item, Result]:
-    leave_cores_to_others()
     return item, function(item)
 
 

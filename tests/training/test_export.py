@@ -35,7 +35,7 @@ def checkpoints(preset: Preset, tmp_path_factory: pytest.TempPathFactory) -> dic
         for parameter in network.parameters():
             torch.nn.init.normal_(parameter, std=0.05)  # zero-initialised layers would hide differences
         record = {"seconds": 1.0, "samples": 2, "validation": {"loss": 0.5}}
-        checkpoint = Checkpoint(kind, preset.name, 1, 1, 0, {}, network.state_dict(), {}, record)
+        checkpoint = Checkpoint(kind, preset.name, 1, 2, 0, {}, network.state_dict(), {}, record)
         paths[kind] = folder / f"{kind}.pt"
         save_checkpoint(paths[kind], checkpoint)
     return paths
@@ -57,6 +57,8 @@ def test_onnx_equals_torch_and_the_server_loads_the_bundle(
         assert str(Path(__file__).parents[2]).encode() not in model.read_bytes()
     assert bundle.manifest["results"]["benchmark"][0]["success_rate"] == 0.5
     assert bundle.manifest["results"]["validation"]["policy"] == {"loss": 0.5}
+    run = bundle.manifest["recipe"]["runs"]["policy"]
+    assert (run["steps"], run["planned_steps"]) == (1, 2)  # it was stopped half way
 
 
 def test_a_checkpoint_that_does_not_fit_leaves_the_old_bundle(

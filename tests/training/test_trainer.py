@@ -43,19 +43,18 @@ class LineTask:
         self.data = {"train_samples": self.train_size}
         self.seen: list[list[int]] = []
         self._x = torch.randn(self.train_size, 2, generator=torch.Generator().manual_seed(5))
-        self._stop_at, self._crash, self._steps = stop_at, crash, 0
+        self._stop_at, self._crash = stop_at, crash
 
     def batch(self, index, rng):
         self.seen.append(index.tolist())
+        if len(self.seen) == self._stop_at:
+            if self._crash:
+                raise RuntimeError("power cut")
+            os.kill(os.getpid(), signal.SIGINT)
         x = self._x[index]
         return {"x": x, "y": x @ torch.tensor([3.0, -2.0])}
 
     def loss(self, network, batch, generator):
-        self._steps += 1
-        if self._steps == self._stop_at:
-            if self._crash:
-                raise RuntimeError("power cut")
-            os.kill(os.getpid(), signal.SIGINT)
         noise = 0.01 * torch.randn(batch["x"].shape, generator=generator)
         return {"loss": functional.mse_loss(network(batch["x"] + noise)[:, 0], batch["y"])}
 
@@ -131,8 +130,10 @@ def test_a_batch_in_parts_teaches_what_it_teaches_whole(tmp_path) -> None:
         trained.append(final_state(out).network)
     for name, tensor in trained[0].items():
         assert torch.allclose(tensor, trained[1][name], atol=1e-5), name
-    with pytest.raises(ConfigError, match="a batch of 8 cannot be shared evenly by 1 processes in 3 parts"):
+    with pytest.raises(ConfigError, match="a batch of 8 cannot be shared evenly by 1 processes in 3 parts each"):
         Trainer(CopyTask(), nn.Linear(2, 1), CONFIG, settings(tmp_path / "odd", accumulate=3))
+    with pytest.raises(ConfigError, match="--accumulate 0: expected 1 or more"):
+        settings(tmp_path, accumulate=0)
 
 
 def test_an_epoch_shows_every_sample_at_most_once(tmp_path) -> None:

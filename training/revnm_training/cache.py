@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from revnm_client.errors import ConfigError
-from revnm_sim.engine import leave_cores_to_others
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -113,7 +112,6 @@ def _marker(folder: Path, block: Block) -> Path:
 
 
 def _fill_block(folder: Path, block: Block, render: Renderer) -> int:
-    leave_cores_to_others()
     for name, items in render(block).items():
         column = np.load(folder / f"{name}.npy", mmap_mode="r+")
         column[block.start : block.stop] = items

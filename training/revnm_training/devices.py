@@ -26,7 +26,6 @@ def open_fabric(*, devices: int, nodes: int, precision: Precision) -> Fabric:
     strategy = "ddp" if devices * nodes > 1 else "auto"
     fabric = Fabric(accelerator="auto", devices=devices, num_nodes=nodes, strategy=strategy, precision=precision)
     fabric.launch()
-    torch.backends.cudnn.benchmark = True  # a run's shapes never change
     return fabric
 
 

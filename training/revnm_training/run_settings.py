@@ -31,7 +31,11 @@ class RunSettings:
         validations: How often to validate, evenly spread, the last at the end.
         devices: Of each machine.
         nodes: Machines.
-        accumulate: Parts of a batch that are computed one after the other, where it does not fit a device's memory.
+        accumulate: Parts in which each process computes its share of a batch, one after the other, where it does not
+            fit the device's memory; 1 or more. Batch normalisation sees the parts.
+
+    Raises:
+        ConfigError: ``accumulate`` is less than 1.
     """
 
     out: Path
@@ -45,6 +49,10 @@ class RunSettings:
     devices: int = 1
     nodes: int = 1
     accumulate: int = 1
+
+    def __post_init__(self) -> None:
+        if self.accumulate < 1:
+            raise ConfigError(f"--accumulate {self.accumulate}: expected 1 or more")
 
     def open_fabric(self) -> Fabric:
         """Start the run's processes; see :func:`revnm_training.devices.open_fabric`."""

@@ -30,8 +30,7 @@ from revnm_training.sample_set import SampleSet
 from revnm_training.trainer import Batch, Trainer
 
 _VALIDATION_SAMPLES = 1024
-_SAMPLING_BATCH = {"cpu": 128, "cuda": 1024}  # what fits the processor's caches; what fills a graphics card
-_SAMPLING_CHUNK = 4096
+_SAMPLING_BATCH = 128  # fits the processor caches
 
 
 class Exo2EgoTask:
@@ -98,9 +97,8 @@ def imagine(network: nn.Module, batch: Batch, *, steps: int, noise: bool, device
         device: Where the network is.
     """
     schedule, pictures = ddim_schedule(steps), []
-    size = _SAMPLING_BATCH[device.type]
-    for start in range(0, len(batch["crop"]), size):
-        part = {name: x[start : start + size].to(device) for name, x in batch.items()}
+    for start in range(0, len(batch["crop"]), _SAMPLING_BATCH):
+        part = {name: x[start : start + _SAMPLING_BATCH].to(device) for name, x in batch.items()}
         seen, count = _seen(part), len(part["crop"])
         begin = np.tile(start_image(part["ego"].shape[-1], noise=noise), (count, 1, 1, 1))
 
@@ -161,9 +159,10 @@ def _imagine_missing(samples: SampleSet, denoiser: TrainedDenoiser, path: Path, 
     config, device = denoiser.config, next(denoiser.network.parameters()).device
     imagined: np.memmap[Any, np.dtype[np.uint8]] = np.lib.format.open_memmap(path, mode="r+")
     done = json.loads(progress.read_text(encoding="utf-8"))["done"]
+    chunk = 32 * _SAMPLING_BATCH
     with tqdm(total=len(imagined), initial=done, desc="imagine ego depth", unit=" samples") as bar:
-        for start in range(done, len(imagined), _SAMPLING_CHUNK):
-            index = np.arange(start, min(start + _SAMPLING_CHUNK, len(imagined)))
+        for start in range(done, len(imagined), chunk):
+            index = np.arange(start, min(start + chunk, len(imagined)))
             batch = gather(samples.columns, (*_condition(config), "ego"), index)
             with autocast(device):
                 pictures = imagine(denoiser.network, batch, steps=config.steps, noise=config.noise, device=device)

@@ -10,9 +10,7 @@ import math
 import signal
 import time
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
 from types import FrameType
 from typing import Any, Protocol
 
@@ -35,14 +33,6 @@ from revnm_training.training_plots import plot_losses
 Batch = dict[str, Tensor]
 _LOG_STEPS = 20
 _LONGEST_GRADIENT = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Drawn:
-    """What a step needs of the host: this process's share of the batch, and the seed of all else that is random."""
-
-    batch: Batch
-    seed: int
 
 
 class Task(Protocol):
@@ -98,7 +88,7 @@ class Trainer:
         if config.batch % (self._fabric.world_size * settings.accumulate):
             raise ConfigError(
                 f"a batch of {config.batch} cannot be shared evenly by {self._fabric.world_size} processes"
-                f" in {settings.accumulate} parts"
+                f" in {settings.accumulate} parts each"
             )
         self._network = self._fabric.to_device(network.to(memory_format=torch.channels_last))  # type: ignore[call-overload]
         optimizer = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
@@ -126,12 +116,10 @@ class Trainer:
         Returns:
             Whether the end was reached.
         """
-        with _stop_signals() as stopped, self._progress() as bar, ThreadPoolExecutor(1) as ahead:
+        with _stop_signals() as stopped, self._progress() as bar:
             saved_s = time.monotonic()
-            following = self._draw_ahead(ahead, 0)
             while self._step < self._settings.steps and not any_rank(self._fabric, bool(stopped)):
-                drawn, following = following, self._draw_ahead(ahead, 1)
-                self._train_step(drawn, bar)
+                self._train_step(bar)
                 if self._is_validation_step():
                     self._validate()
                 if time.monotonic() - saved_s > self._settings.checkpoint_s:
@@ -169,28 +157,18 @@ class Trainer:
         self._averaged.n_averaged.fill_(checkpoint.step)
         self._step, self._record = checkpoint.step, dict(checkpoint.record)
 
-    def _draw_ahead(self, ahead: Executor, steps: int) -> Future[_Drawn]:
-        """Draw what a coming step needs while the device computes."""
-        return ahead.submit(self._draw, self._step + steps)
-
-    def _draw(self, step: int) -> _Drawn:
+    def _train_step(self, bar: Any) -> None:
+        started_s = time.monotonic()
         rank = self._fabric.global_rank
-        rng = np.random.default_rng((self._settings.seed, 1, step, *([rank] if rank else [])))
+        rng = np.random.default_rng((self._settings.seed, 1, self._step, *([rank] if rank else [])))
         seed = int(rng.integers(2**62))
-        batch = self._task.batch(self._index(step), rng)
-        if self._fabric.device.type == "cuda":
-            batch = {name: x.pin_memory() for name, x in batch.items()}
-        return _Drawn(batch, seed)
-
-    def _train_step(self, future: Future[_Drawn], bar: Any) -> None:
-        started_s, drawn = time.monotonic(), future.result()
-        torch.manual_seed(drawn.seed)  # dropout and the CVAE's noise
-        generator = torch.Generator(self._fabric.device).manual_seed(drawn.seed)
+        torch.manual_seed(seed)  # dropout and the CVAE's noise
+        generator = torch.Generator(self._fabric.device).manual_seed(seed)
         rate = self._config.learning_rate * _schedule(self._step, self._config.warmup_steps, self._settings.steps)
         for group in self._optimizer.param_groups:
             group["lr"] = rate
         self._optimizer.zero_grad()
-        losses = self._gradients(self._fabric.to_device(drawn.batch), generator)
+        losses = self._gradients(self._task.batch(self._index(), rng), generator)
         average_over_ranks(self._fabric, self._network)
         nn.utils.clip_grad_norm_(self._network.parameters(), _LONGEST_GRADIENT)
         self._optimizer.step()
@@ -199,23 +177,23 @@ class Trainer:
         self._report(bar, losses, time.monotonic() - started_s)
 
     def _gradients(self, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
-        """Add up the gradients of a batch's parts; return the mean of their losses."""
+        """Add up the gradients of a batch's parts, each on the device in its turn; return the mean of their losses."""
         count = self._settings.accumulate
-        parts = {name: x.chunk(count) for name, x in batch.items()}
+        chunks = {name: x.chunk(count) for name, x in batch.items()}
         found: list[dict[str, Tensor]] = []
         for number in range(count):
-            part = {name: chunks[number] for name, chunks in parts.items()}
+            part = self._fabric.to_device({name: parts[number] for name, parts in chunks.items()})
             # Not through Fabric's wrapper: it would round poses and waypoints to bfloat16.
             with self._fabric.autocast():
                 losses = self._task.loss(self._network.train(), part, generator)
             self._fabric.backward(losses["loss"] / count)
             found.append({name: value.detach() for name, value in losses.items()})
-        return {name: torch.stack([each[name] for each in found]).mean() for name in found[0]}
+        return {name: torch.stack([losses[name] for losses in found]).mean() for name in found[0]}
 
-    def _index(self, step: int) -> NDArray[np.int64]:
-        """Return the numbers of this process's samples of a step: every epoch is another permutation."""
+    def _index(self) -> NDArray[np.int64]:
+        """Return the numbers of this process's samples of this step: every epoch is another permutation."""
         size, batch = self._task.train_size, self._config.batch
-        epoch, place = divmod(step, size // batch)
+        epoch, place = divmod(self._step, size // batch)
         if self._order is None or self._order[0] != epoch:
             rng = np.random.default_rng((self._settings.seed, 2, epoch))
             self._order = (epoch, rng.permutation(size))
