@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import uvicorn
 import zenoh
+from threadpoolctl import threadpool_limits
 
 from revnm_client.errors import ConfigError
 from revnm_client.link import open_router
@@ -135,6 +136,8 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         LinkError: A Zenoh endpoint is taken.
     """
     with ExitStack() as stack:
+        # The matrices are small: handing half of one to a thread that waits for its core costs more than all of it.
+        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         models = load_models(settings.perception)
         notes = _notes(models, settings.perception)
         mission = Mission(settings.robots, state_file=settings.state_file)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
 from revnm_server.observation import Image32
+from revnm_server.order_statistics import median, quantiles
 
 _STRIDE = 6
 _ROUNDS = 5
@@ -121,13 +122,13 @@ class DisparityMemory:
         part = (slice(_STRIDE // 2, None, _STRIDE),) * 2
         sample = good[part] & (self._count[part] > 0.0) & ~self._clipped[part]
         if not self._count.any():
-            span = float(np.ptp(np.quantile(disparity[good], (0.02, 0.98)))) if good.any() else 0.0
+            span = float(np.ptp(quantiles(disparity[good], (0.02, 0.98)))) if good.any() else 0.0
             return 1.0, 0.0, self._spec.tolerance * span
         if sample.sum() < _LEAST_PIXELS:
             return None
         known, new = (image[part][sample].astype(np.float64) for image in (self._background, disparity))
         scale, shift, sigma = _affine(known, new)
-        span = float(np.ptp(np.quantile(known, (0.02, 0.98))))
+        span = float(np.ptp(quantiles(known, (0.02, 0.98))))
         tolerance = max(self._spec.sigmas * sigma, self._spec.tolerance * span)
         if not scale > 0.0 or tolerance > 0.5 * span:
             return None
@@ -173,14 +174,13 @@ class DisparityMemory:
 
 def _affine(known: FloatArray, new: FloatArray) -> tuple[float, float, float]:
     """Fit new = scale · known + shift robustly (Tukey's biweight); return scale, shift and sigma in units of known."""
-    quantiles = np.quantile(np.stack([known, new]), (0.2, 0.5, 0.8), axis=1)
-    (low, middle, high), (new_low, new_middle, new_high) = quantiles.T
+    (low, middle, high), (new_low, new_middle, new_high) = (quantiles(each, (0.2, 0.5, 0.8)) for each in (known, new))
     scale = float((new_high - new_low) / np.maximum(high - low, 1e-12))
     shift = float(new_middle - scale * middle)
     sigma = math.inf
     for _ in range(_ROUNDS):
         rest = new - scale * known - shift
-        sigma = max(1.4826 * float(np.median(np.abs(rest))), 1e-9)
+        sigma = max(1.4826 * median(np.abs(rest)), 1e-9)
         weight = np.square(np.maximum(1.0 - np.square(rest / (4.7 * sigma)), 0.0))
         total = max(float(weight.sum()), 1e-12)
         mean_known, mean_new = (weight @ known) / total, (weight @ new) / total

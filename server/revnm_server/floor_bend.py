@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from revnm_client.geometry import FloatArray
 from revnm_server.floor_fit import FloorLine
 from revnm_server.observation import Image32
+from revnm_server.order_statistics import median
 
 _ORDERS = 4
 _ROUNDS = 5
@@ -72,7 +73,7 @@ def fit_bend(nearness: FloatArray, disparity: FloatArray, fields: FloatArray, li
         solution = np.linalg.solve(weighted.T @ design + prior, weighted.T @ disparity)
         rest = disparity - design @ solution
         core = np.abs(rest[np.abs(rest) < 3.0 * sigma])
-        sigma = max(1.4826 * float(np.median(core)) if len(core) else sigma, 0.05 * line.sigma)
+        sigma = max(1.4826 * median(core) if len(core) else sigma, 0.05 * line.sigma)
     if not solution[0] > 0.5 * line.scale:
         return Bend(np.zeros((_ORDERS, _ORDERS)), line, 0.0)
     on = np.abs(rest) < 3.0 * sigma

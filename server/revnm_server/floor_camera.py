@@ -90,14 +90,16 @@ def project(vector: FloatArray, size_px: tuple[int, int], points_m: FloatArray) 
     """
     eye = np.zeros((*vector.shape[:-1], 3))
     eye[..., 2] = np.exp(vector[..., 3])
-    local = np.einsum("...ji,...j->...i", rotation(vector), points_m - eye)
+    local = _turned(points_m - eye, rotation(vector))
     depth = local[..., 2]
-    ideal = local[..., :2] / np.maximum(depth, _LEAST_DEPTH_M)[..., None]
+    ahead = np.maximum(depth, _LEAST_DEPTH_M)
+    right, down = local[..., 0] / ahead, local[..., 1] / ahead
     focal = 2.0 * np.exp(vector[..., 0])  # half picture widths
-    strength = vector[..., 4] * np.square(focal) * np.square(ideal).sum(axis=-1)
+    strength = vector[..., 4] * np.square(focal) * (right * right + down * down)
     bent = 2.0 / (1.0 + np.sqrt(np.maximum(1.0 - 4.0 * strength, 0.0)))
     scale = 0.5 * size_px[0] * focal * bent
-    return _middle(size_px) + scale[..., None] * ideal, depth
+    u, v = _middle(size_px)
+    return np.stack([u + scale * right, v + scale * down], axis=-1), depth
 
 
 def on_plane(
@@ -108,15 +110,24 @@ def on_plane(
     The parameters' leading axes are broadcast against the pixels' (..., 2).
     """
     offset = (pixels - _middle(size_px)) / (0.5 * size_px[0])
+    right, down = offset[..., 0], offset[..., 1]
     focal = 2.0 * np.exp(vector[..., 0])
-    straight = focal * (1.0 + vector[..., 4] * np.square(offset).sum(axis=-1))
-    sideways = np.broadcast_to(offset, (*straight.shape, 2))
-    local = np.concatenate([sideways, straight[..., None]], axis=-1)
-    ray = np.einsum("...ij,...j->...i", rotation(vector), local)
-    valid = (ray[..., 2] < -1e-6 * np.linalg.norm(ray, axis=-1)) & (straight > 0.0)
+    straight = focal * (1.0 + vector[..., 4] * (right * right + down * down))
+    local = np.empty((*straight.shape, 3))
+    local[..., 0], local[..., 1], local[..., 2] = right, down, straight
+    ray = _turned(local, np.swapaxes(rotation(vector), -1, -2))
+    length = np.sqrt(right * right + down * down + straight * straight)
+    valid = (ray[..., 2] < -1e-6 * length) & (straight > 0.0)
     drop = np.where(valid, -ray[..., 2], 1.0)
     reach = (np.exp(vector[..., 3]) - height_m) / drop
     return ray[..., :2] * reach[..., None], valid
+
+
+def _turned(rows: FloatArray, rotations: FloatArray) -> FloatArray:
+    """Return rows (..., 3) times rotations (3, 3) or (..., 3, 3)."""
+    if rotations.ndim == 2:
+        return np.asarray(rows @ rotations)
+    return np.asarray(sum(rows[..., j, None] * rotations[..., j, :] for j in range(3)))
 
 
 def _middle(size_px: tuple[int, int]) -> FloatArray:

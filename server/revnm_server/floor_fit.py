@@ -8,12 +8,14 @@ lies on the other side. Imports numpy only.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
+from revnm_server.order_statistics import median, quantiles
 
 _TOLERANCES = (0.02, 0.005)  # of the disparity's span, at the start
 _SHARP = 0.004  # of the span: a floor that scatters less needs no second look
@@ -64,7 +66,7 @@ def fit_floor(nearness: FloatArray, disparity: FloatArray, previous: FloorLine |
     """
     if len(nearness) < _LEAST_PIXELS:
         return f"the floor cannot be seen: {len(nearness)} usable pixels below the horizon"
-    low, high = np.percentile(disparity, (1.0, 99.0))
+    low, high = quantiles(disparity, (0.01, 0.99))
     span = float(high - low)
     if not span > 1e-6 * max(abs(float(high)), 1e-6):
         return "the depth picture is flat"
@@ -84,8 +86,9 @@ def _best(
     scattered plane; a narrow one finds the floor alone. Which is likelier if all else is spread evenly over the span?
     """
     found: list[tuple[FloorLine, float]] = []
+    starts = _Starts(nearness, disparity, previous)
     for tolerance in _TOLERANCES:
-        start = _start(nearness, disparity, tolerance * span, previous)
+        start = starts.best(tolerance * span)
         if start is not None:
             found.append(_refine(nearness, disparity, start, span, tolerance))
             if found[-1][0].sigma < _SHARP * span:
@@ -93,22 +96,30 @@ def _best(
     return max(found, key=lambda fit: fit[0].share * math.log(span / fit[0].sigma), default=None)
 
 
-def _start(
-    nearness: FloatArray, disparity: FloatArray, tolerance: float, previous: FloorLine | None
-) -> tuple[float, float] | None:
-    """Return scale and shift of the best guess: the previous fit if it still holds."""
-    step = max(1, len(nearness) // _SAMPLES)
-    few_n, few_d = nearness[::step].astype(np.float32), disparity[::step].astype(np.float32)
-    if previous is not None:
-        kept = np.array([[previous.scale, previous.shift]])
-        score = _scores(kept, few_n, few_d, tolerance)[0]
-        if score >= 0.7 * previous.share * len(few_n):
-            return previous.scale, previous.shift
-    guesses = _guesses(nearness, disparity)
-    if not len(guesses):
-        return None
-    best = guesses[int(np.argmax(_scores(guesses, few_n, few_d, tolerance)))]
-    return float(best[0]), float(best[1])
+class _Starts:
+    """Where to start from."""
+
+    def __init__(self, nearness: FloatArray, disparity: FloatArray, previous: FloorLine | None) -> None:
+        self._nearness, self._disparity, self._previous = nearness, disparity, previous
+        step = max(1, len(nearness) // _SAMPLES)
+        self._few = nearness[::step].astype(np.float32), disparity[::step].astype(np.float32)
+
+    def best(self, tolerance: float) -> tuple[float, float] | None:
+        """Return scale and shift of the best guess, None without one; the previous fit if it still holds."""
+        previous = self._previous
+        if previous is not None:
+            kept = np.array([[previous.scale, previous.shift]])
+            score = _scores(kept, *self._few, tolerance)[0]
+            if score >= 0.7 * previous.share * len(self._few[0]):
+                return previous.scale, previous.shift
+        if not len(self._guesses):
+            return None
+        best = self._guesses[int(np.argmax(_scores(self._guesses, *self._few, tolerance)))]
+        return float(best[0]), float(best[1])
+
+    @cached_property
+    def _guesses(self) -> FloatArray:
+        return _guesses(self._nearness, self._disparity)
 
 
 def _guesses(nearness: FloatArray, disparity: FloatArray) -> FloatArray:
@@ -118,7 +129,7 @@ def _guesses(nearness: FloatArray, disparity: FloatArray) -> FloatArray:
     for part in np.array_split(order, _BINS):
         lower, upper = nearness[part[0]], nearness[part[-1]]
         # Within a bin the floor itself slopes: its slope is nearly that of the far ends, so it is left in.
-        values = np.quantile(disparity[part], _LEVELS)
+        values = quantiles(disparity[part], _LEVELS)
         middle = 0.5 * (lower + upper)
         points += [(middle, values[0]), (middle, values[1]), (lower, values[0])]
     found = np.array(points)
@@ -135,7 +146,8 @@ def _scores(
     """Return how many pixels lie on lines (G, 2), less those below, (G,)."""
     scaled = (lines / tolerance).astype(np.float32)
     rest = (disparity / np.float32(tolerance))[None, :] - scaled[:, :1] * nearness - scaled[:, 1:]  # (G, M)
-    return np.asarray((np.abs(rest) < 2.0).sum(axis=1) - 1.0 * (rest < _BELOW).sum(axis=1), dtype=np.float64)
+    vote = (np.abs(rest) < 2.0).astype(np.float32) - (rest < _BELOW)
+    return np.asarray(vote @ np.ones_like(nearness), dtype=np.float64)
 
 
 def _refine(
@@ -157,7 +169,7 @@ def _refine(
         shift = float(mean_d - scale * mean_n)
         rest = disparity - scale * nearness - shift
         core = np.abs(rest[np.abs(rest) < 3.0 * sigma])
-        before, sigma = sigma, max(1.4826 * float(np.median(core)) if len(core) else sigma, least)
+        before, sigma = sigma, max(1.4826 * median(core) if len(core) else sigma, least)
         if 0.98 < sigma / before < 1.02:
             break
     share = float((np.abs(rest) < 3.0 * sigma).mean())
@@ -173,7 +185,7 @@ def _doubt(line: FloorLine, below: float, nearness: FloatArray, disparity: Float
         return f"no floor in sight: {line.share:.0%} of the pixels below the horizon lie on a plane"
     if below > _MOST_BELOW:
         return f"the depth picture does not fit the floor: {below:.0%} of it would lie under the floor"
-    low, high = np.quantile(on, (0.1, 0.9))
+    low, high = quantiles(on, (0.1, 0.9))
     contrast = line.scale * float(high - low) / line.sigma
     if contrast < _LEAST_CONTRAST:
         return f"the depth picture is noise: the floor stands out {contrast:.1f} times from it"

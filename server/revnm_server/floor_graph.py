@@ -18,6 +18,9 @@ from revnm_client.geometry import FloatArray
 
 Cell = tuple[int, int]
 
+FAR = 1e7
+"""A cost that no way has."""
+
 _RIM = 2  # no move leads farther, so that no move leaves the padded grid
 _HALF: tuple[tuple[Cell, tuple[Cell, ...]], ...] = (
     # A move, and the cells between its ends that it passes; the other eight moves are these, backwards.
@@ -64,14 +67,15 @@ class FloorGraph:
         self._padded = (shape[0] + 2 * _RIM, shape[1] + 2 * _RIM)
         nodes, width = math.prod(self._padded), self._padded[1]
         moves = [move for move, _ in _HALF] + [(-rows, -columns) for (rows, columns), _ in _HALF]
-        ends = np.arange(nodes)[:, None] + np.array([rows * width + columns for rows, columns in moves])
+        steps = np.array([rows * width + columns for rows, columns in moves], dtype=np.int32)
+        ends = np.arange(nodes, dtype=np.int32)[:, None] + steps
         # Moves out of the rim are closed by its weights; their ends need only be nodes.
-        ends = np.clip(ends, 0, nodes - 1).astype(np.int32)
+        np.clip(ends, 0, nodes - 1, out=ends)
         self._weights = np.full((nodes, len(moves)), np.inf)
         starts = np.arange(0, ends.size + 1, len(moves), dtype=np.int32)
         self._graph = csr_array((self._weights.ravel(), ends.ravel(), starts), shape=(nodes, nodes))
 
-    def to_cell(self, cost: FloatArray, goal: Cell, *, limit: float = 1e7) -> CostToCell:
+    def to_cell(self, cost: FloatArray, goal: Cell, *, limit: float = FAR) -> CostToCell:
         """Search the least cost from everywhere to a cell.
 
         Args:

@@ -50,12 +50,18 @@ class FloorGrid:
         steps: searches keep their graph while the map grows.
         """
         known = self.known | (self.obstacle != np.float32(0.5))
-        cells = np.clip(self.cells(points_m), 0.0, np.array(known.shape) - 1.0)
+        held = [np.flatnonzero(known.any(axis=1 - axis)) for axis in range(2)]
+        if not len(held[0]):
+            return self.around(points_m)
+        corners = np.array([[float(each[end]) for each in held] for end in (0, -1)])
+        return self.around(np.concatenate([points_m, self.points_m(corners)]))
+
+    def around(self, points_m: FloatArray) -> FloorGrid:
+        """Return the part that holds points (M, 2) and a margin; points off the grid count as the cells nearest."""
+        cells = np.clip(self.cells(points_m), 0.0, np.array(self.obstacle.shape) - 1.0)
         window = []
-        for axis, size in enumerate(known.shape):
-            held = np.flatnonzero(known.any(axis=1 - axis))
-            along = np.concatenate([held[:1], held[-1:], cells[:, axis]])
-            first, last = along.min() - _MARGIN, along.max() + _MARGIN + 1.0
+        for axis, size in enumerate(self.obstacle.shape):
+            first, last = cells[:, axis].min() - _MARGIN, cells[:, axis].max() + _MARGIN + 1.0
             window.append(slice(max(0, math.floor(first / _STEP) * _STEP), min(size, math.ceil(last / _STEP) * _STEP)))
         part = (window[0], window[1])
         corner = self.points_m(np.array([each.start for each in part], dtype=np.float64))

@@ -5,6 +5,7 @@ Imports numpy, scipy and OpenCV only.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
-from revnm_server.floor_graph import Cell, FloorGraph
+from revnm_server.floor_graph import FAR, Cell, FloorGraph
 from revnm_server.travel_cost import TravelCost
 from revnm_server.way_smoothing import smooth
 
 BoolArray = NDArray[np.bool_]
+
+_GRAPHS = 4
+_STEP = 20  # cells: the shapes that are searched are few
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +90,11 @@ def impassable(cost: TravelCost, robot_m: FloatArray, goal_m: FloatArray, settin
 
 
 class FloorSearch:
-    """Searches grids; keeps the graph of the last shape."""
+    """Searches grids; keeps the graphs of the last shapes."""
 
     def __init__(self, settings: SearchSettings) -> None:
         self._settings = settings
-        self._graph: FloorGraph | None = None
+        self._graphs: dict[tuple[int, ...], FloorGraph] = {}  # least recently used first
 
     def find(self, task: Task, goal_m: FloatArray) -> Found:
         """Look for the way to a goal (2,), metres, frame of the map.
@@ -132,16 +136,29 @@ class FloorSearch:
         A metre costs at least 1, so that a way of a likely cost stays in an ellipse about its ends: that is searched
         first, and the whole floor only if the way turns out to be dearer.
         """
-        if self._graph is None or self._graph.shape != task.closed.shape:
-            self._graph = FloorGraph(task.closed.shape)
         weights = np.where(task.closed, np.inf, task.cost.per_m.astype(np.float64))
         start = _cell(task.cost, task.robot_m)
         likely = task.likely / task.cost.grid.cell_m
         within = _from_cell(weights, start) + _from_cell(weights, entry) <= likely
-        to_entry = self._graph.to_cell(np.where(within, weights, np.inf), entry, limit=likely)
-        if not np.isfinite(to_entry.potential[start]):
-            to_entry = self._graph.to_cell(weights, entry)
-        return to_entry.cells_from(start)
+        cells = self._cheapest(np.where(within, weights, np.inf), start, entry, limit=likely)
+        if cells is None:
+            cells = self._cheapest(weights, start, entry)
+        assert cells is not None  # they are connected
+        return cells
+
+    def _cheapest(
+        self, weights: FloatArray, start: Cell, entry: Cell, *, limit: float = FAR
+    ) -> NDArray[np.int64] | None:
+        """Return the cheapest way's cells (P, 2); None if it costs more than a limit. Only open cells are looked at."""
+        window = _open(weights, (start, entry))
+        part, corner = weights[window], (window[0].start, window[1].start)
+        graph = self._graphs.pop(part.shape, None) or FloorGraph((part.shape[0], part.shape[1]))
+        self._graphs[part.shape] = graph
+        if len(self._graphs) > _GRAPHS:
+            del self._graphs[next(iter(self._graphs))]
+        to_entry = graph.to_cell(part, (entry[0] - corner[0], entry[1] - corner[1]), limit=limit)
+        begin = start[0] - corner[0], start[1] - corner[1]
+        return to_entry.cells_from(begin) + corner if np.isfinite(to_entry.potential[begin]) else None
 
 
 def corridor(way_m: FloatArray, cost: TravelCost, width_m: float) -> BoolArray:
@@ -166,6 +183,17 @@ def _inner_cells(way_m: FloatArray, cost: TravelCost) -> tuple[NDArray[np.int64]
     cells = np.rint(cost.grid.cells(way_m)).astype(np.int64)
     inside = np.all((cells >= 0) & (cells < cost.per_m.shape), axis=1)
     return cells[inside, 0], cells[inside, 1]
+
+
+def _open(weights: FloatArray, cells: Sequence[Cell]) -> tuple[slice, slice]:
+    """Return the rows and columns that hold all finite weights (Ny, Nx) and some cells; in steps, as far as they go."""
+    finite = np.isfinite(weights)
+    window = []
+    for axis, size in enumerate(weights.shape):
+        held = np.append(np.flatnonzero(finite.any(axis=1 - axis)), [cell[axis] for cell in cells])
+        first, last = int(held.min()), int(held.max())
+        window.append(slice(first // _STEP * _STEP, min(size, (last // _STEP + 1) * _STEP)))
+    return window[0], window[1]
 
 
 def _connected(closed: BoolArray, start: Cell) -> BoolArray:

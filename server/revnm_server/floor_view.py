@@ -101,9 +101,10 @@ def _rays(vector: FloatArray, size_px: tuple[int, int], pixels: FloatArray) -> F
     """Return the rays (..., 3), floor frame, of length 1 along the view; nonsense outside the lens's model is cut."""
     middle = np.array([(size_px[0] - 1) / 2.0, (size_px[1] - 1) / 2.0])
     offset = (pixels - middle) / (0.5 * size_px[0])
-    bend = 1.0 + vector[4] * np.square(offset).sum(axis=-1, keepdims=True)
+    right, down = offset[..., 0], offset[..., 1]
+    bend = 1.0 + vector[4] * (right * right + down * down)
     straight = 2.0 * np.exp(vector[0]) * np.maximum(bend, 0.05)
-    local = np.concatenate([offset / straight, np.ones_like(straight)], axis=-1)
+    local = np.stack([right / straight, down / straight, np.ones_like(straight)], axis=-1)
     return np.asarray(local @ rotation(vector).T)
 
 

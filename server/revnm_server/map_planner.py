@@ -88,20 +88,28 @@ class MapPlanner:
             stamp_ns: When all this was so, nanoseconds; any clock. If it runs backwards, the way is looked for anew.
         """
         robot_m, settings = np.array(map_from_robot[:2]), self._settings
-        grid = grid.told(np.stack([robot_m, goal_m]))
-        kept = self._kept
+        kept, on_way = self._kept, None
         if kept is not None:
             serves = kept.serves(goal_id, goal_m, robot_m, settings.keep)
             kept = kept.followed(robot_m, goal_m) if serves else None
-        cost = travel_cost(grid, settings.cost)
-        closed = impassable(cost, robot_m, goal_m, settings.search)
-        task = Task(cost, closed, map_from_robot, _LIKELY * float(np.hypot(*(goal_m - robot_m))) + _SLACK)
-        on_way = self._option(task, kept.from_robot(robot_m), kept.short_m) if kept else None
-        fresh = kept is not None and 0 <= stamp_ns - kept.searched_ns < settings.period_s * 1e9
-        if kept is None or not fresh or (on_way is not None and on_way.blocked):
+        due = kept is None or not 0 <= stamp_ns - kept.searched_ns < settings.period_s * 1e9
+        if kept is not None and not due and kept.way_m is not None:
+            # What a way costs depends on the floor about it alone.
+            near = self._task(grid.around(np.concatenate([robot_m[None], kept.way_m])), map_from_robot, goal_m)
+            on_way = self._option(near, kept.from_robot(robot_m), kept.short_m)
+            due = on_way is not None and on_way.blocked
+        if kept is None or due:
+            task = self._task(grid.told(np.stack([robot_m, goal_m])), map_from_robot, goal_m)
+            on_way = self._option(task, kept.from_robot(robot_m), kept.short_m) if kept else None
             kept, on_way = self._renewed(task, goal_m, kept, on_way, goal_id, stamp_ns)
         self._kept = kept
         return self._plan(kept, on_way, map_from_robot)
+
+    def _task(self, grid: FloorGrid, map_from_robot: Pose2, goal_m: FloatArray) -> Task:
+        robot_m, settings = np.array(map_from_robot[:2]), self._settings
+        cost = travel_cost(grid, settings.cost)
+        closed = impassable(cost, robot_m, goal_m, settings.search)
+        return Task(cost, closed, map_from_robot, _LIKELY * float(np.hypot(*(goal_m - robot_m))) + _SLACK)
 
     def _renewed(
         self, task: Task, goal_m: FloatArray, kept: KeptWay | None, on_way: Option | None, goal_id: str, stamp_ns: int

@@ -58,21 +58,19 @@ class MapSpread:
         spread[window] = part
         return spread
 
-    def sigma_m(self, nearness_sigma: float) -> FloatArray:
+    def sigma_m(self, nearness_sigma: float) -> Image32:
         """Return the standard deviations (Ny, Nx, 2) along x and y, metres, unbounded."""
-        return np.hypot(self._calibration_m, nearness_sigma * self._per_nearness)
+        return np.asarray(np.hypot(self._calibration_m, np.float32(nearness_sigma) * self._per_nearness))
 
     def _prepare(self, nearness_sigma: float) -> list[tuple[list[Image32], int]]:
-        sigma = np.minimum(self.sigma_m(nearness_sigma), self._most_m) / self._cell_m  # cells
+        sigma = np.minimum(self.sigma_m(nearness_sigma), np.float32(self._most_m)) / np.float32(self._cell_m)  # cells
         found = []
         for axis, along in ((1, 0), (0, 1)):
-            own = np.maximum(sigma[..., along], 1e-3)
-            reach = int(_SIGMAS * own.max())
-            distances = np.arange(1, reach + 1)
-            weights = [
-                np.where(d <= _SIGMAS * own, np.exp(-0.5 * np.square(d / own)), 0.0).astype(np.float32)
-                for d in distances
-            ]
+            own = np.maximum(sigma[..., along], np.float32(1e-3))
+            precision = np.float32(-0.5) / np.square(own)
+            farthest = np.float32(_SIGMAS) * own
+            distances = range(1, int(farthest.max()) + 1)
+            weights = [np.exp(np.float32(d * d) * precision) * (d <= farthest) for d in distances]
             found.append((weights, axis))
         return found
 
@@ -98,18 +96,18 @@ def _dilate(probability: Image32, weights: list[Image32], axis: int) -> Image32:
     return result
 
 
-def _calibration_sigma(view: FloorView, middles_m: FloatArray) -> FloatArray:
+def _calibration_sigma(view: FloorView, middles_m: FloatArray) -> Image32:
     """Return the standard deviations (Ny, Nx, 2) of what stands at the cells, from the calibration's covariance."""
     if not view.covariance.any():
-        return np.zeros_like(middles_m)
+        return np.zeros(middles_m.shape, dtype=np.float32)
     grid = NodeGrid((middles_m.shape[0], middles_m.shape[1]))
     places = middles_m[grid.nodes]
     jacobian = place_jacobian(view.camera, places.reshape(-1, 2))  # (M, 2, 5)
     sigma = np.sqrt(np.square(jacobian @ root(view.covariance)).sum(axis=-1)).reshape(places.shape)
-    return grid.filled(np.nan_to_num(sigma, nan=1e3, posinf=1e3)).astype(np.float64)
+    return grid.filled(np.nan_to_num(sigma, nan=1e3, posinf=1e3))
 
 
-def _per_nearness(view: FloorView, middles_m: FloatArray) -> FloatArray:
+def _per_nearness(view: FloorView, middles_m: FloatArray) -> Image32:
     """Return how far places (Ny, Nx, 2) at the cells move, per axis, if their nearness changes, metres per 1/m.
 
     z = 1 / nearness, so dz = z² · dnearness, and a place moves in proportion to its depth.
@@ -117,4 +115,4 @@ def _per_nearness(view: FloorView, middles_m: FloatArray) -> FloatArray:
     grid = NodeGrid((middles_m.shape[0], middles_m.shape[1]))
     places = middles_m[grid.nodes]
     _, depth = view.camera.project(np.concatenate([places, np.zeros((*places.shape[:2], 1))], axis=-1))
-    return np.asarray(np.abs(middles_m) * np.maximum(grid.filled(depth), 0.0)[..., None])
+    return np.asarray(np.abs(middles_m).astype(np.float32) * np.maximum(grid.filled(depth), 0.0)[..., None])

@@ -87,12 +87,10 @@ def _between(
     chosen = np.flatnonzero(pairs & (apart > 0.7 * cell_m) & (apart < gap_m.ravel()[:-step]))
     if not len(chosen):
         return []
-    pieces = np.clip(np.ceil(apart[chosen] / (0.7 * cell_m)), 2, _MOST_PIECES)
-    found = []
-    for piece in range(1, int(pieces.max())):
-        some = pieces > piece
-        found.append(_at(lifted, chosen[some], chosen[some] + step, (piece / pieces[some]).astype(np.float32)))
-    return found
+    pieces = np.clip(np.ceil(apart[chosen] / (0.7 * cell_m)), 2, _MOST_PIECES).astype(np.intp)
+    first, of = np.repeat(chosen, pieces - 1), np.repeat(pieces, pieces - 1)
+    piece = 1 + np.arange(len(first)) - np.repeat(np.cumsum(pieces - 1) - (pieces - 1), pieces - 1)
+    return [_at(lifted, first, first + step, (piece / of).astype(np.float32))]
 
 
 def _at(lifted: Lifted, first: NDArray[np.intp], second: NDArray[np.intp], share: float | _Floats) -> ObstaclePoints:

@@ -61,7 +61,8 @@ class ScanMemory:
         """
         self._grid = grid
         self._spec = spec or ScanSpec()
-        self._middles = grid.middles_m().astype(np.float32)
+        middles = grid.middles_m().astype(np.float32)
+        self._x, self._y = middles[0, :, 0], middles[:, 0, 1]
         self.forget()
 
     def forget(self) -> None:
@@ -134,9 +135,10 @@ class ScanMemory:
 
     def _passed(self, scan: Scan, pose: Pose2, window: tuple[slice, slice]) -> _BoolGrid:
         """Return through which cells of a window of the grid beams went, near their middles."""
-        away = self._middles[window] - np.array(pose[:2], dtype=np.float32)
-        distance = np.hypot(away[..., 0], away[..., 1])
-        angle = np.arctan2(away[..., 1], away[..., 0]) - np.float32(pose.yaw_rad + scan.angle_min_rad)
+        rows, columns = window
+        x, y = self._x[columns] - np.float32(pose.x_m), self._y[rows, None] - np.float32(pose.y_m)
+        distance = np.hypot(x, y)
+        angle = np.arctan2(y, x) - np.float32(pose.yaw_rad + scan.angle_min_rad)
         beams = angle / np.float32(scan.angle_increment_rad)
         turn = np.float32(math.tau / abs(scan.angle_increment_rad))
         beams -= turn * np.floor(beams / turn)  # in [0, turn], however the beams go round

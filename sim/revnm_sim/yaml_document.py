@@ -15,6 +15,7 @@ from revnm_client.errors import FileError
 
 _MOST_BYTES = 4_000_000
 _DEEPEST = 10
+_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where PyYAML was built with it
 
 Place = tuple[str | int, ...]
 
@@ -44,7 +45,7 @@ class YamlDocument:
             self.sha256 = hashlib.sha256(content).hexdigest()
             text = content.decode("utf-8")
             self._refuse_bombs(text)
-            self.data = self._plain(yaml.compose(text, Loader=yaml.SafeLoader), ())
+            self.data = self._plain(yaml.compose(text, Loader=_Loader), ())
         except OSError as error:
             raise FileError(f"{path}: cannot be read: {error.strerror}") from error
         except UnicodeDecodeError as error:
@@ -69,7 +70,7 @@ class YamlDocument:
     def _refuse_bombs(self, text: str) -> None:
         """Refuse what makes a small file huge or slow to read: aliases, and lists in lists in lists."""
         depth = 0
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        for event in yaml.parse(text, Loader=_Loader):
             line = event.start_mark.line + 1 if event.start_mark else 1
             if isinstance(event, yaml.AliasEvent):
                 raise FileError(f"{self.path}:{line}: *{event.anchor}: expected the value itself, not an alias")

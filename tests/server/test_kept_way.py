@@ -80,6 +80,17 @@ def test_between_searches_the_kept_way_is_followed_and_its_end_follows_the_goal(
     assert length_m(later.way_m) == pytest.approx(length_m(first.way_m) - 1.0, abs=0.2)
 
 
+def test_between_searches_a_way_costs_what_it_costs_on_the_whole_map():
+    """Only the floor about the way is looked at then; what stands beside it and far from it must tell the same."""
+    beside, far = (4.0, 3.6, 4.4, 4.4), (11.5, 0.5, 11.8, 0.8)
+    kept_by, grid = planner(), floor(12.0, 10.0, *TWO_GAPS, beside, far)
+    first = plan(kept_by, grid)
+    later = kept_by.plan(grid, START, GOAL, goal_id="a", stamp_ns=1)
+    np.testing.assert_allclose(later.way_m, first.way_m, atol=1e-4)
+    assert later.cost == pytest.approx(first.cost, abs=1e-3)
+    assert first.cost > length_m(first.way_m) + 0.2
+
+
 def test_a_robot_beside_its_way_is_led_back_smoothly():
     kept_by, grid = planner(), floor(12.0, 10.0)
     plan(kept_by, grid)

@@ -41,17 +41,23 @@ def spread_m(vector: FloatArray, covariance: FloatArray, size_px: tuple[int, int
     return float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean()))
 
 
-def in_robot(vector: FloatArray, size_px: tuple[int, int], pixels: FloatArray) -> FloatArray:
-    """Return the places (M, 2) on the floor that pixels (M, 2) show, metres, in the robot's frame."""
-    points, _ = on_plane(vector[:PARAMETERS], size_px, pixels)
-    return Pose2(*vector[PARAMETERS:]).inverse().apply(points)
+def in_robot(vectors: FloatArray, size_px: tuple[int, int], pixels: FloatArray) -> FloatArray:
+    """Return the places (..., M, 2) on the floor that pixels (M, 2) show, metres, in the robot's frame.
+
+    Vectors (..., 8).
+    """
+    points, _ = on_plane(vectors[..., None, :PARAMETERS], size_px, pixels)
+    away = points - vectors[..., None, PARAMETERS : PARAMETERS + 2]
+    yaw = vectors[..., PARAMETERS + 2, None]
+    c, s, dx, dy = np.cos(yaw), np.sin(yaw), away[..., 0], away[..., 1]
+    return np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)
 
 
 def in_robot_covariances(
     vector: FloatArray, covariance: FloatArray, size_px: tuple[int, int], pixels: FloatArray
 ) -> FloatArray:
     """Return the covariances (M, 2, 2) of the places that :func:`in_robot` returns, square metres."""
-    slopes = _slopes(lambda x: in_robot(x, size_px, pixels), vector)  # (M, 2, 8)
+    slopes = _slopes(lambda vectors: in_robot(vectors, size_px, pixels), vector)  # (M, 2, 8)
     return np.asarray(slopes @ covariance @ slopes.transpose(0, 2, 1))
 
 
@@ -60,8 +66,10 @@ def pixel_sigma_px(
 ) -> float:
     """Return how uncertain the pixel of a robot's tag is after a way that only odometry has measured, pixels."""
 
-    def pixel(x: FloatArray) -> FloatArray:
-        return project(x[:PARAMETERS], size_px, np.array([x[PARAMETERS], x[PARAMETERS + 1], height_m]))[0]
+    def pixel(vectors: FloatArray) -> FloatArray:
+        heights = np.full((len(vectors), 1), height_m)
+        places = np.concatenate([vectors[:, PARAMETERS : PARAMETERS + 2], heights], axis=1)
+        return project(vectors[:, :PARAMETERS], size_px, places)[0]
 
     slopes = _slopes(pixel, vector)  # (2, 8)
     drift = _DRIFT * driven_m * float(np.linalg.norm(slopes[:, PARAMETERS : PARAMETERS + 2], ord=2))
@@ -69,6 +77,6 @@ def pixel_sigma_px(
 
 
 def _slopes(function: Callable[[FloatArray], FloatArray], vector: FloatArray) -> FloatArray:
-    """Return the derivatives (..., 8) of a function of (8,)."""
-    here = function(vector)
-    return np.stack([(function(vector + _STEP * axis) - here) / _STEP for axis in np.eye(len(vector))], axis=-1)
+    """Return the derivatives (..., 8) of a function from vectors (B, 8) to (B, ...) at a vector (8,)."""
+    values = function(np.concatenate([vector[None], vector + _STEP * np.eye(len(vector))]))
+    return np.moveaxis((values[1:] - values[0]) / _STEP, 0, -1)

@@ -12,6 +12,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from revnm_client.agent import AgentConfig, RobotAgent
 from revnm_client.errors import FileError
@@ -101,6 +102,7 @@ class TrialResult:
     track_m: list[list[float]]
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def run_trial(key: TrialKey) -> TrialResult:
     """Draw the setting of a key and drive it to its end.
 
