@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.floor_view import FloorView, grid_from_picture
-from revnm_server.lift import Kind, Lifted
+from revnm_server.lift import FARTHEST_M, Kind, Lifted
 from revnm_server.map_spread import MapSpread
+from revnm_server.node_grid import NODE_STEP
 from revnm_server.obstacle_points import obstacle_points
 
 _BoolGrid = NDArray[np.bool_]
@@ -98,8 +99,11 @@ class FloorMapper:
     def __init__(self, view: FloorView, spec: MapSpec | None = None) -> None:
         self.spec = spec or MapSpec()
         self._view = view
-        self._outside = self.spec.shape[0] * self.spec.shape[1]  # the cell of what lies off the map
-        self._spread = MapSpread(view, self.spec.middles_m(), self.spec.cell_m, self.spec.most_spread_m)
+        self._part = _within_reach(view, self.spec)  # all below is of these rows and columns alone
+        self._middles = self.spec.middles_m()[self._part]
+        self._shape = self._middles.shape[0], self._middles.shape[1]
+        self._outside = self._shape[0] * self._shape[1]  # the cell of what lies off them
+        self._spread = MapSpread(view, self._middles, self.spec.cell_m, self.spec.most_spread_m)
         self._near, self._far, self._in_view = self._looked_up()
         self._floor_cell = self._floor_cells()
 
@@ -119,7 +123,12 @@ class FloorMapper:
         stands = np.where(logit > 0.0, probability, np.float32(0.0))
         spread = self._spread.spread(stands, lifted.line.nearness_sigma)
         age = np.where(count > 0, age_sum / np.maximum(count, 1), floor_age).astype(np.float32)
-        grid = FloorGrid(spec.origin_m, spec.cell_m, np.maximum(probability, spread), floor, age)
+        grid = spec.unknown()
+        grid.obstacle[self._part], grid.floor[self._part], grid.age_s[self._part] = (
+            np.maximum(probability, spread),
+            floor,
+            age,
+        )
         for body in bodies:
             take_out(grid, body)
         return grid
@@ -130,8 +139,7 @@ class FloorMapper:
         pixels = np.flatnonzero(is_floor)
         cells = self._floor_cell[pixels]
         grade = lifted.grade.ravel()
-        shape = self.spec.shape
-        summed = np.bincount(cells, weights=grade[pixels], minlength=self._outside + 1)[:-1].reshape(shape)
+        summed = np.bincount(cells, weights=grade[pixels], minlength=self._outside + 1)[:-1].reshape(self._shape)
         looked_up = self._in_view & is_floor[self._near] & is_floor[self._far]
         alone = np.where(looked_up, grade[self._near], np.float32(0.0))
         total = np.where(summed < 0.0, summed, alone)
@@ -149,16 +157,16 @@ class FloorMapper:
         overhead = points.height_m > self.spec.overhead_m
         layers = (weight * ~overhead, weight * overhead, None, age_s.ravel()[points.pixel])
         drawn = [np.bincount(cells, weights=each, minlength=self._outside + 1)[:-1] for each in layers]
-        low, high, count, age_sum = (each.astype(np.float64).reshape(self.spec.shape) for each in drawn)
+        low, high, count, age_sum = (each.astype(np.float64).reshape(self._shape) for each in drawn)
         return low, high, count, age_sum
 
     def _cells(self, x_m: NDArray[np.floating], y_m: NDArray[np.floating]) -> NDArray[np.intp]:
         """Return the cells (M,) as one number each; what lies off the map gets a number of its own."""
-        (rows, columns), (x0, y0), per_m = self.spec.shape, self.spec.origin_m, np.float32(1.0 / self.spec.cell_m)
+        (rows, columns), (x0, y0), per_m = self._shape, self._middles[0, 0], np.float32(1.0 / self.spec.cell_m)
         column = np.rint((x_m - np.float32(x0)) * per_m).astype(np.intp)
         row = np.rint((y_m - np.float32(y0)) * per_m).astype(np.intp)
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        return np.where(inside, row * columns + column, self._outside)
+        return np.asarray(np.where(inside, row * columns + column, self._outside))
 
     def _floor_cells(self) -> NDArray[np.intp]:
         """Return the cell (h·w,) of the floor at every pixel."""
@@ -170,8 +178,8 @@ class FloorMapper:
     def _looked_up(self) -> tuple[NDArray[np.intp], NDArray[np.intp], _BoolGrid]:
         """Return the pixels (Ny, Nx), as one number each, before and behind each cell, and which cells are in view."""
         height, width = self._view.hw
-        middles = self.spec.middles_m()
-        pixels, depth = self._view.camera.project(np.concatenate([middles, np.zeros((*middles.shape[:2], 1))], -1))
+        standing = np.concatenate([self._middles, np.zeros((*self._shape, 1))], axis=-1)
+        pixels, depth = self._view.camera.project(standing)
         place = grid_from_picture(pixels, self._view.camera.size_px, self._view.hw)
         column, row = np.rint(place[..., 0]), place[..., 1]
         inside = (depth > 0.0) & (column >= 0) & (column < width) & (row > -0.5) & (row < height - 0.5)
@@ -179,6 +187,19 @@ class FloorMapper:
         row = np.clip(np.where(inside, row, 0.0), 0.0, height - 1.0)
         nearer, farther = np.ceil(row).astype(np.intp), np.floor(row).astype(np.intp)
         return nearer * width + column, farther * width + column, inside
+
+
+def _within_reach(view: FloorView, spec: MapSpec) -> tuple[slice, slice]:
+    """Return the map's rows and columns in which a camera may draw: beyond its farthest depth nothing is said."""
+    margin_m = 3.0 * spec.most_spread_m
+    found = []
+    for ray, start_m, size in zip((view.ray_y, view.ray_x), spec.origin_m[::-1], spec.shape, strict=True):
+        first, last = (FARTHEST_M * min(0.0, float(ray.min())), FARTHEST_M * max(0.0, float(ray.max())))
+        begin, end = ((value - start_m) / spec.cell_m for value in (first - margin_m, last + margin_m))
+        found.append(
+            slice(max(0, NODE_STEP * int(begin // NODE_STEP)), min(size, NODE_STEP * int(end // NODE_STEP + 1) + 1))
+        )
+    return found[0], found[1]
 
 
 def _probability(logit: FloatArray) -> NDArray[np.float32]:
@@ -195,8 +216,7 @@ def take_out(grid: FloorGrid, body: Body) -> None:
         slice(max(0, int(row - reach)), max(0, min(rows, int(row + reach) + 2))),
         slice(max(0, int(column - reach)), max(0, min(columns, int(column + reach) + 2))),
     )
-    ends = ((part.start, part.stop) for part in window)
-    cells = np.stack(np.meshgrid(*(np.arange(a, b) for a, b in ends), indexing="ij"), axis=-1)
+    cells = np.moveaxis(np.mgrid[window], 0, -1)
     local = body.floor_from_robot.inverse().apply(grid.points_m(cells))
     under = (np.abs(local) < half).all(axis=-1)
     grid.obstacle[window][under] = 0.02

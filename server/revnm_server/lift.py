@@ -20,6 +20,9 @@ from revnm_server.floor_fit import FloorLine, fit_floor
 from revnm_server.floor_view import FloorView
 from revnm_server.observation import Image32
 
+FARTHEST_M = 16.0
+"""Depth along the view beyond which nothing is said."""
+
 _STRIDE = 4  # pixels that the fit skips, both ways
 _LEAST_NEARNESS = 1e-3
 _STEEP_ACROSS = np.float32(1.0)  # steps that may be a ramp, of the floor's nearness from row to row
@@ -44,13 +47,11 @@ class LiftSpec:
         tolerance_m: What rises less over the floor is floor, near the camera and with exact depth.
         sigmas: Standard deviations of the height that the tolerance covers.
         most_tolerance_m: Where the tolerance is wider, what looks like floor is unknown.
-        farthest_m: Depth along the view beyond which nothing is said.
     """
 
     tolerance_m: float = 0.04
     sigmas: float = 3.0
     most_tolerance_m: float = 0.35
-    farthest_m: float = 16.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +96,7 @@ class FloorLifter:
         self.view = view
         self._spec = spec or LiftSpec()
         self._line: FloorLine | None = None
-        self._below_horizon = view.nearness > 1.0 / self._spec.farthest_m
+        self._below_horizon = view.nearness > 1.0 / FARTHEST_M
         self._floor_depth = 1.0 / np.maximum(view.nearness, np.float32(_LEAST_NEARNESS))
         self._height = np.float32(view.camera.height_m)
         self._cosines = CosineField(view.hw)
@@ -129,7 +130,7 @@ class FloorLifter:
         straight = disparity - self._cosines.image(bend.weights)
         nearness = (straight - np.float32(line.shift)) * np.float32(1.0 / line.scale)
         usable = usable & ~_ramp(nearness, self._floor_step, np.float32(_NOISE_STEP * line.nearness_sigma))
-        in_range = usable & (nearness > 1.0 / spec.farthest_m)
+        in_range = usable & (nearness > 1.0 / FARTHEST_M)
         depth = 1.0 / np.maximum(nearness, np.float32(_LEAST_NEARNESS))
         height = self._height * (1.0 - depth * view.nearness)
         tolerance = self._tolerance_m(line)

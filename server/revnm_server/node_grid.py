@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from revnm_server.observation import Image32
 
-_STEP = 4
+NODE_STEP = 4
+"""Rows or columns from node to node."""
 
 
 class NodeGrid:
@@ -19,7 +20,7 @@ class NodeGrid:
 
     def __init__(self, hw: tuple[int, int]) -> None:
         """Lay the nodes over a layer of a height and a width."""
-        rows, columns = (np.unique(np.append(np.arange(0, size, _STEP), size - 1)) for size in hw)
+        rows, columns = (np.unique(np.append(np.arange(0, size, NODE_STEP), size - 1)) for size in hw)
         self.nodes: tuple[NDArray[np.intp], ...] = np.ix_(rows, columns)  # index: layer[nodes]
         down, across = (
             np.interp(np.arange(size), nodes, np.arange(len(nodes))).astype(np.float32)

@@ -86,7 +86,7 @@ class Calibrator:
         self._drives: list[int] = []
         self._doubts: dict[int, int] = {}
         self._event: str | None = None
-        self._state: CalibrationState | None = None  # of now; only a sighting changes it
+        self._state: CalibrationState | None = None  # of now; a sighting that is not as expected changes it
 
     @property
     def belief(self) -> Belief:
@@ -117,13 +117,14 @@ class Calibrator:
 
     def observe(self, frame: Keyframe) -> None:
         """Take a sighting, whose drive's earlier ones came before it."""
-        self._state = None
         if self._contradicts(frame):
+            self._state = None
             self._doubt(frame)
             return
         self._doubts[frame.drive] = 0
         if not self._frames.wants(frame):
             return
+        self._state = None
         self._frames.add(frame)
         self._solve()
         if self._solution is not None and self._solution.misfit > _BAD_MISFIT and len(self._frames.frames) >= 6:
