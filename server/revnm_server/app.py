@@ -130,6 +130,8 @@ def build_map_pipeline(
 def running_server(settings: Settings) -> Iterator[RunningServer]:
     """Start a server, and on leaving stop the robots that it drives before anything else.
 
+    While it runs, linear algebra in this process uses one thread.
+
     Raises:
         FileError: The bundle or the state file is malformed.
         ConfigError: The HTTP address is taken.

@@ -47,21 +47,28 @@ class FloorGrid:
 
         Points off the grid count as the cells nearest to them. Around all that lies a margin, where the grid goes on,
         so that a way through the unknown beyond is no cheaper than one along the margin. The part's bounds change in
-        steps: searches keep their graph while the map grows.
+        steps, so that parts have few shapes.
         """
         known = self.known | (self.obstacle != np.float32(0.5))
         held = [np.flatnonzero(known.any(axis=1 - axis)) for axis in range(2)]
-        if not len(held[0]):
-            return self.around(points_m)
-        corners = np.array([[float(each[end]) for each in held] for end in (0, -1)])
-        return self.around(np.concatenate([points_m, self.points_m(corners)]))
+        cells = self._nearest(points_m)
+        if len(held[0]):
+            cells = np.concatenate([cells, [[each[end] for each in held] for end in (0, -1)]])
+        return self._part(cells, _MARGIN)
 
-    def around(self, points_m: FloatArray) -> FloorGrid:
-        """Return the part that holds points (M, 2) and a margin; points off the grid count as the cells nearest."""
-        cells = np.clip(self.cells(points_m), 0.0, np.array(self.obstacle.shape) - 1.0)
+    def around(self, points_m: FloatArray, margin_m: float) -> FloorGrid:
+        """Return the part that holds points (M, 2) and a margin about them, with bounds as of :meth:`told`."""
+        return self._part(self._nearest(points_m), margin_m / self.cell_m)
+
+    def _nearest(self, points_m: FloatArray) -> FloatArray:
+        """Return the cells (M, 2) of points (M, 2); of those off the grid the nearest."""
+        return np.clip(self.cells(points_m), 0.0, np.array(self.obstacle.shape) - 1.0)
+
+    def _part(self, cells: FloatArray, margin: float) -> FloorGrid:
+        """Return the part that holds cells (M, 2) and a margin, in cells, widened to the next steps."""
         window = []
         for axis, size in enumerate(self.obstacle.shape):
-            first, last = cells[:, axis].min() - _MARGIN, cells[:, axis].max() + _MARGIN + 1.0
+            first, last = cells[:, axis].min() - margin, cells[:, axis].max() + margin + 1.0
             window.append(slice(max(0, math.floor(first / _STEP) * _STEP), min(size, math.ceil(last / _STEP) * _STEP)))
         part = (window[0], window[1])
         corner = self.points_m(np.array([each.start for each in part], dtype=np.float64))

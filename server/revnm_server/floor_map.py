@@ -7,6 +7,7 @@ stands shows only its near side, and the floor behind it stays unseen. Imports n
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from revnm_client.geometry import FloatArray, Pose2
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.floor_view import FloorView, grid_from_picture
 from revnm_server.lift import FARTHEST_M, Kind, Lifted
-from revnm_server.map_spread import MapSpread
+from revnm_server.map_spread import SPREAD_SIGMAS, MapSpread
 from revnm_server.node_grid import NODE_STEP
 from revnm_server.obstacle_points import obstacle_points
 
@@ -124,11 +125,9 @@ class FloorMapper:
         spread = self._spread.spread(stands, lifted.line.nearness_sigma)
         age = np.where(count > 0, age_sum / np.maximum(count, 1), floor_age).astype(np.float32)
         grid = spec.unknown()
-        grid.obstacle[self._part], grid.floor[self._part], grid.age_s[self._part] = (
-            np.maximum(probability, spread),
-            floor,
-            age,
-        )
+        grid.obstacle[self._part] = np.maximum(probability, spread)
+        grid.floor[self._part] = floor
+        grid.age_s[self._part] = age
         for body in bodies:
             take_out(grid, body)
         return grid
@@ -161,7 +160,7 @@ class FloorMapper:
         return low, high, count, age_sum
 
     def _cells(self, x_m: NDArray[np.floating], y_m: NDArray[np.floating]) -> NDArray[np.intp]:
-        """Return the cells (M,) as one number each; what lies off the map gets a number of its own."""
+        """Return the part's cells (M,) as one number each; what lies off it gets a number of its own."""
         (rows, columns), (x0, y0), per_m = self._shape, self._middles[0, 0], np.float32(1.0 / self.spec.cell_m)
         column = np.rint((x_m - np.float32(x0)) * per_m).astype(np.intp)
         row = np.rint((y_m - np.float32(y0)) * per_m).astype(np.intp)
@@ -190,15 +189,18 @@ class FloorMapper:
 
 
 def _within_reach(view: FloorView, spec: MapSpec) -> tuple[slice, slice]:
-    """Return the map's rows and columns in which a camera may draw: beyond its farthest depth nothing is said."""
-    margin_m = 3.0 * spec.most_spread_m
+    """Return the map's rows and columns in which a camera may draw: beyond its farthest depth nothing is said.
+
+    They begin and end at nodes of a :class:`NodeGrid` over the whole map, so that layers are the same on both.
+    """
+    margin_m = SPREAD_SIGMAS * spec.most_spread_m + spec.cell_m
+    reach_m = 1.1 * FARTHEST_M  # rays are of the pixels' middles, and things are seen half a pixel beyond
     found = []
     for ray, start_m, size in zip((view.ray_y, view.ray_x), spec.origin_m[::-1], spec.shape, strict=True):
-        first, last = (FARTHEST_M * min(0.0, float(ray.min())), FARTHEST_M * max(0.0, float(ray.max())))
-        begin, end = ((value - start_m) / spec.cell_m for value in (first - margin_m, last + margin_m))
-        found.append(
-            slice(max(0, NODE_STEP * int(begin // NODE_STEP)), min(size, NODE_STEP * int(end // NODE_STEP + 1) + 1))
-        )
+        first_m = min(0.0, reach_m * float(ray.min())) - margin_m
+        last_m = max(0.0, reach_m * float(ray.max())) + margin_m
+        first, last = ((value - start_m) / spec.cell_m / NODE_STEP for value in (first_m, last_m))
+        found.append(slice(max(0, NODE_STEP * math.floor(first)), min(size, NODE_STEP * math.ceil(last) + 1)))
     return found[0], found[1]
 
 
@@ -212,13 +214,16 @@ def take_out(grid: FloorGrid, body: Body) -> None:
     rows, columns = grid.obstacle.shape
     reach = float(np.hypot(*half)) / grid.cell_m
     row, column = grid.cells(np.array(body.floor_from_robot[:2]))
-    window = (
-        slice(max(0, int(row - reach)), max(0, min(rows, int(row + reach) + 2))),
-        slice(max(0, int(column - reach)), max(0, min(columns, int(column + reach) + 2))),
-    )
+    window = (_around(row, reach, rows), _around(column, reach, columns))
     cells = np.moveaxis(np.mgrid[window], 0, -1)
     local = body.floor_from_robot.inverse().apply(grid.points_m(cells))
     under = (np.abs(local) < half).all(axis=-1)
     grid.obstacle[window][under] = 0.02
     grid.floor[window][under] = True
     grid.age_s[window][under] = 0.0
+
+
+def _around(middle: float, reach: float, size: int) -> slice:
+    """Return the indices of an axis that are within reach; empty beyond its ends."""
+    first, last = (min(size, max(0, int(end))) for end in (middle - reach, middle + reach + 2.0))
+    return slice(first, last)

@@ -20,7 +20,7 @@ from revnm_server.way_smoothing import smooth
 
 BoolArray = NDArray[np.bool_]
 
-_GRAPHS = 4
+_GRAPHS = 4  # of about an ellipse, a corridor and the whole floor, for one robot
 _STEP = 20  # cells: the shapes that are searched are few
 
 

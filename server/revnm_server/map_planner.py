@@ -20,6 +20,7 @@ from revnm_server.way import at_lengths
 _LIKELY = 1.5  # a first way seldom costs more than so many times the straight one
 _GRAPH_EXCESS = 1.1  # and on the graph hardly so many times what it costs once it is smooth
 _SLACK = 1.0
+_BESIDE_M = 0.3  # more than the way from the robot strays from the kept one and a cell
 _BEGINS_M = 0.3  # so far along it is a way's direction at the robot
 
 
@@ -95,8 +96,8 @@ class MapPlanner:
         due = kept is None or not 0 <= stamp_ns - kept.searched_ns < settings.period_s * 1e9
         if kept is not None and not due and kept.way_m is not None:
             # What a way costs depends on the floor about it alone.
-            near = self._task(grid.around(np.concatenate([robot_m[None], kept.way_m])), map_from_robot, goal_m)
-            on_way = self._option(near, kept.from_robot(robot_m), kept.short_m)
+            about = grid.around(np.concatenate([robot_m[None], kept.way_m]), settings.cost.inflation_m + _BESIDE_M)
+            on_way = self._option(self._task(about, map_from_robot, goal_m), kept.from_robot(robot_m), kept.short_m)
             due = on_way is not None and on_way.blocked
         if kept is None or due:
             task = self._task(grid.told(np.stack([robot_m, goal_m])), map_from_robot, goal_m)

@@ -7,6 +7,8 @@ in its own standard deviations; apart along x and y, so that it costs little. Im
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +17,9 @@ from revnm_server.floor_view import FloorView, place_jacobian, root
 from revnm_server.node_grid import NodeGrid
 from revnm_server.observation import Image32
 
-_SIGMAS = 2.0  # what is farther is let go
+SPREAD_SIGMAS = 2.0
+"""What is so far or farther is let go."""
+
 _HOLD = 1.5  # the depth's noise may change by this factor before weights are computed anew
 
 
@@ -68,9 +72,9 @@ class MapSpread:
         for axis, along in ((1, 0), (0, 1)):
             own = np.maximum(sigma[..., along], np.float32(1e-3))
             precision = np.float32(-0.5) / np.square(own)
-            farthest = np.float32(_SIGMAS) * own
-            distances = range(1, int(farthest.max()) + 1)
-            weights = [np.exp(np.float32(d * d) * precision) * (d <= farthest) for d in distances]
+            farthest = np.float32(SPREAD_SIGMAS) * own
+            distances = range(1, math.ceil(farthest.max()))
+            weights = [np.exp(np.float32(d * d) * precision) * (d < farthest) for d in distances]
             found.append((weights, axis))
         return found
 

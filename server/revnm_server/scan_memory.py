@@ -61,8 +61,8 @@ class ScanMemory:
         """
         self._grid = grid
         self._spec = spec or ScanSpec()
-        middles = grid.middles_m().astype(np.float32)
-        self._x, self._y = middles[0, :, 0], middles[:, 0, 1]
+        middles = grid.middles_m()
+        self._x, self._y = middles[0, :, 0].astype(np.float32), middles[:, 0, 1].astype(np.float32)
         self.forget()
 
     def forget(self) -> None:

@@ -62,7 +62,7 @@ class SiteMap:
         self._camera: FloorCamera | None = None
         self._spread_m = math.inf
         self._event: str | None = None
-        self._judged: CalibrationState | None = None
+        self._taken: CalibrationState | None = None
         self._seen: FloorGrid | None = None
         self._seen_ns = 0
         self._believed: Image32 | None = None
@@ -73,9 +73,9 @@ class SiteMap:
         A calibration that began anew, because something has jumped, forgets what the pictures showed before.
         """
         assert state.camera is not None
-        if state is self._judged:
+        if state is self._taken:  # it is the same object until something is learnt
             return False
-        self._judged = state
+        self._taken = state
         jumped = state.event != self._event
         surer = state.spread_2_m < _SURER * self._spread_m
         if self._camera is not None and not jumped and not surer and self._shift(state.camera) < _SHIFT:

@@ -48,6 +48,15 @@ def test_a_point_off_the_map_and_an_unknown_map_have_a_part_too():
     assert part.obstacle.size < 0.05 * unknown.obstacle.size
 
 
+def test_a_part_about_points_has_the_margin_whatever_the_cells_are():
+    for cell_m in (0.05, 0.1, 0.25):
+        grid = MapSpec(cell_m=cell_m).unknown()
+        part = grid.around(np.array([[3.0, 0.0], [5.0, 1.0]]), 1.0)
+        (x0, y0), (x1, y1) = part.points_m(np.array([[0.0, 0.0], np.array(part.obstacle.shape) - 1.0]))
+        assert 2.0 - 20 * cell_m <= x0 <= 2.0 < 6.0 <= x1 <= 6.0 + 21 * cell_m
+        assert -1.0 - 20 * cell_m <= y0 <= -1.0 < 2.0 <= y1 <= 2.0 + 21 * cell_m
+
+
 @pytest.mark.parametrize("hole_m", [(3.0, 2.0), (5.5, 9.0)])
 def test_ways_do_not_depend_on_how_much_unknown_floor_lies_around(hole_m: tuple[float, float]):
     """One goal lies beyond a wall with gaps, the other beyond what was seen."""

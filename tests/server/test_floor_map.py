@@ -115,6 +115,27 @@ def test_the_map_has_the_asked_size():
     np.testing.assert_allclose(grid.points_m(np.array([0, 0])), [-0.95, -1.95])
 
 
-def test_a_body_at_or_beyond_the_edge_of_the_map_is_no_trouble():
-    bodies = tuple(Body(Pose2(x, y, 1.0), 0.43, 0.36, 0.14) for x, y in ((0.0, 0.0), (-5.0, 2.0), (13.99, 8.99)))
-    drawn(disparity(wall(9.0)), bodies=bodies)
+@pytest.mark.parametrize(
+    "place_m",
+    [(0.0, 0.0), (-3.0, 2.0), (-9.0, 2.0), (29.99, 8.99), (50.0, 0.0), (5.0, 11.99), (5.0, 40.0), (5.0, -40.0)],
+)
+def test_a_body_at_or_beyond_the_edge_of_the_map_is_no_trouble(place_m: tuple[float, float]):
+    body = Body(Pose2(*place_m, 1.0), 0.43, 0.36, 0.14)
+    with_it, without = drawn(disparity(wall(9.0)), bodies=(body,)), drawn(disparity(wall(9.0)))
+    changed = np.argwhere((with_it.age_s != without.age_s) | (with_it.floor != without.floor))
+    apart = np.hypot(*(with_it.points_m(changed.astype(np.float64)) - place_m).T)
+    assert apart.max(initial=0.0) < 0.4
+    assert len(changed) or not without.covers(np.array(place_m)) or place_m == (0.0, 0.0)
+
+
+def test_a_map_of_the_cells_within_reach_is_the_whole_map():
+    """A camera that looks far down sees a part of the map only: its corners stay unknown, and its edge is as drawn."""
+    small, large = (
+        drawn(disparity(wall(9.0)), spec=MapSpec(ahead_m=far, width_m=wide)) for far, wide in ((20, 20), (40, 60))
+    )
+    rows, columns = small.obstacle.shape
+    corner = np.rint(large.cells(small.points_m(np.zeros(2)))).astype(int)
+    part = slice(corner[0], corner[0] + rows), slice(corner[1], corner[1] + columns)
+    np.testing.assert_allclose(large.obstacle[part], small.obstacle, atol=1e-6)
+    np.testing.assert_array_equal(large.floor[part], small.floor)
+    assert large.known.sum() == small.known.sum()

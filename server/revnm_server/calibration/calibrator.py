@@ -86,7 +86,7 @@ class Calibrator:
         self._drives: list[int] = []
         self._doubts: dict[int, int] = {}
         self._event: str | None = None
-        self._state: CalibrationState | None = None  # of now; a sighting that is not as expected changes it
+        self._state: CalibrationState | None = None  # of now; a new keyframe or a start over changes it
 
     @property
     def belief(self) -> Belief:
@@ -118,7 +118,6 @@ class Calibrator:
     def observe(self, frame: Keyframe) -> None:
         """Take a sighting, whose drive's earlier ones came before it."""
         if self._contradicts(frame):
-            self._state = None
             self._doubt(frame)
             return
         self._doubts[frame.drive] = 0
@@ -199,6 +198,7 @@ class Calibrator:
 
     def _start_over(self, event: str, prior: Belief) -> None:
         """Forget all keyframes, and of the camera all but a prior."""
+        self._state = None
         self._event, self._prior, self._known = event, prior, False
         self._frames, self._placed, self._solution = KeyframeSet(), [], None
         self._doubts = {}

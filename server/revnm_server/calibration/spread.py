@@ -44,7 +44,10 @@ def spread_m(vector: FloatArray, covariance: FloatArray, size_px: tuple[int, int
 def in_robot(vectors: FloatArray, size_px: tuple[int, int], pixels: FloatArray) -> FloatArray:
     """Return the places (..., M, 2) on the floor that pixels (M, 2) show, metres, in the robot's frame.
 
-    Vectors (..., 8).
+    Args:
+        vectors: (..., 8) cameras and poses.
+        size_px: Of the picture.
+        pixels: (M, 2) of the picture.
     """
     points, _ = on_plane(vectors[..., None, :PARAMETERS], size_px, pixels)
     away = points - vectors[..., None, PARAMETERS : PARAMETERS + 2]
