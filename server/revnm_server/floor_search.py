@@ -143,8 +143,7 @@ class FloorSearch:
         cells = self._cheapest(np.where(within, weights, np.inf), start, entry, limit=likely)
         if cells is None:
             cells = self._cheapest(weights, start, entry)
-        assert cells is not None  # they are connected
-        return cells
+        return np.array([start]) if cells is None else cells  # both lie off the map, where a corridor has no cells
 
     def _cheapest(
         self, weights: FloatArray, start: Cell, entry: Cell, *, limit: float = FAR
