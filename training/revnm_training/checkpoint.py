@@ -32,7 +32,7 @@ class Checkpoint:
         network: Weights as trained.
         averaged: Averaged weights: these are validated and exported.
         optimizer: State of the optimizer.
-        record: For people and manifests: seconds trained, samples seen, machine, last validation.
+        record: For people and manifests: seconds trained, samples seen, recipe, machine, last validation.
     """
 
     kind: str

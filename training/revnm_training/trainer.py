@@ -6,6 +6,7 @@ random number follow from seed and step alone, so a run that was stopped, in wha
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import signal
 import time
@@ -101,6 +102,7 @@ class Trainer:
         self._path = settings.out / CHECKPOINT
         if checkpoint is not None:
             self._load(checkpoint)
+        self._record["recipe"] = dataclasses.asdict(config)
         self._log = TrainingLog(settings.out, self._step) if self._fabric.is_global_zero else None
         self._order: tuple[int, NDArray[np.int64]] | None = None
         self._window = (self._step, time.monotonic())
