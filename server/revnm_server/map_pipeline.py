@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 
@@ -31,6 +32,7 @@ _DRAWN_EVERY = 6  # points of a way, which are 0.05 m apart
 _FARTHEST_PX = 20_000.0
 _LEAST_DEPTH_M = 0.1
 _NS_PER_S = 1e9
+_Thought = tuple[dict[str, Image32], dict[str, float]]
 
 
 class MapPipeline:
@@ -69,16 +71,21 @@ class MapPipeline:
         self._navigator: MapNavigator
         self._site: SiteMap
         self._last_seen: dict[str, RobotSighting] = {}
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="beliefs")
+        self._thought: Future[_Thought] | None = None
 
     def step(self, frame: Frame, goals: Mapping[str, GoalPixel]) -> TickResult:
         """Process one picture.
+
+        What the policy makes of it serves the plans of the next one, so that its own do not wait for it.
 
         Args:
             frame: The newest picture.
             goals: Where robots should go, by the robot's name; who is not in it gets no plan.
 
         Raises:
-            ContractError: The depth source gave an array of the wrong shape or with values that are not finite.
+            ContractError: The depth source gave an array of the wrong shape or with values that are not finite, or a
+                network did so with the picture before.
         """
         timings_ms: dict[str, float] = {}
         with timed(timings_ms, "tick"):
@@ -87,11 +94,11 @@ class MapPipeline:
                 check_array("disparity", disparity, self._hw)
             with timed(timings_ms, "tag"):
                 sightings = self._see_robots(frame)
+            egos = self._recall(timings_ms)
             with timed(timings_ms, "map"):
                 tick = self._navigate(frame, disparity, sightings, goals)
-            egos: dict[str, Image32] = {}
-            if self._beliefs is not None:
-                egos = self._beliefs.renew(tick, self._site, disparity, frame.stamp_ns, timings_ms)
+        if self._beliefs is not None:
+            self._thought = self._thread.submit(self._think, self._beliefs, tick, disparity, frame.stamp_ns)
         plans = tuple(
             RobotPlan(robot, route.waypoints_m, frame.stamp_ns, goals[robot].id)
             for robot, route in tick.routes.items()
@@ -105,8 +112,22 @@ class MapPipeline:
 
     def close(self) -> None:
         """Keep what was learnt of the camera."""
+        self._thread.shutdown()
         if self._keeper is not None:
             self._keeper.close()
+
+    def _think(self, beliefs: MapBeliefs, tick: NavigatorTick, disparity: Image32, stamp_ns: int) -> _Thought:
+        timings_ms: dict[str, float] = {}
+        return beliefs.renew(tick, self._site, disparity, stamp_ns, timings_ms), timings_ms
+
+    def _recall(self, timings_ms: dict[str, float]) -> dict[str, Image32]:
+        """Wait for what the policy makes of the picture before: from here on the map is this thread's alone again."""
+        thought, self._thought = self._thought, None
+        if thought is None:
+            return {}
+        egos, durations_ms = thought.result()
+        timings_ms |= durations_ms
+        return egos
 
     def _see_robots(self, frame: Frame) -> list[RobotSighting]:
         """Return the robots that are seen now, and remember for a while where they were."""

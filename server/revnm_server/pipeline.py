@@ -62,9 +62,11 @@ class TickResult:
         plans: One per robot that has a goal and whose place is known.
         sightings: Every robot that was seen recently, goal or not; ``stamp_ns`` says when.
         disparity: (h, w) in [0, 1], the whole picture.
-        ego_depths: (ego_px, ego_px) in [−1, 1] of each robot that got a plan.
-        timings_ms: Duration of the stages ``depth``, ``tag``, ``exo2ego``, ``policy``, and of the ``tick``; where plans
-            are made on the map, ``map`` comes before the policy, or stands in its place.
+        ego_depths: (ego_px, ego_px) in [−1, 1] of each robot that got a plan; where plans are made on the map, with
+            the picture before.
+        timings_ms: Duration of the stages ``depth``, ``tag``, ``exo2ego`` and ``policy``, and of the ``tick``, from
+            picture to plans. Where plans are made on the map, there is a stage ``map``, and exo2ego and policy are
+            those of the picture before: they ran after its tick.
         site: What the camera has learnt of itself and of the place; None where no map is made.
     """
 

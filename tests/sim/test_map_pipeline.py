@@ -199,7 +199,9 @@ class Scripted:
 def test_a_policy_sees_the_way_the_map_and_what_the_robot_would_see() -> None:
     networks = Scripted()
     drive = Drive(beliefs=MapBeliefs(SPEC, exo2ego=networks, policy=networks, tag_height_m=SHAPE.mount.height_m))
-    result = drive.until_led()
+    assert set(drive.until_led().timings_ms) == {"depth", "tag", "map", "tick"}  # nobody waited for the policy
+    result = drive.tick()
+    drive.pipeline.close()
     (seen,), (ego,) = networks.asked, networks.egos
     assert result.site is not None
     route, place = result.site.routes["rover"], result.site.places["rover"]
