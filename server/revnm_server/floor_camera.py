@@ -19,6 +19,7 @@ PARAMETERS = 5
 """Of :meth:`FloorCamera.vector`: log of the focal length, pitch, roll, log of the height, distortion."""
 
 _LEAST_DEPTH_M = 1e-3
+_MOST_CARRIED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +71,23 @@ class FloorCamera:
             horizon, and their points are meaningless.
         """
         return on_plane(self.vector, self.size_px, pixels, height_m)
+
+    def carry(self, points_m: FloatArray, onto: FloorCamera) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Find the places that another calibration of the same camera has for what is seen at points of the floor.
+
+        Args:
+            points_m: (..., 2) metres, floor frame.
+            onto: The other calibration.
+
+        Returns:
+            Points (..., 2), metres, its floor frame, and which of them (...,) are valid: those before the camera both
+            times, and not elsewhere by more than half of their distance.
+        """
+        standing = np.concatenate([points_m, np.zeros((*points_m.shape[:-1], 1))], axis=-1)
+        pixels, depths = self.project(standing)
+        carried, valid = onto.on_plane(pixels)
+        apart, far = (np.linalg.norm(each, axis=-1) for each in (carried - points_m, points_m))
+        return carried, valid & (depths > _LEAST_DEPTH_M) & (apart <= _MOST_CARRIED * far)
 
 
 def rotation(vector: FloatArray) -> FloatArray:

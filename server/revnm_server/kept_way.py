@@ -5,16 +5,22 @@ Imports numpy only.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
 from revnm_server.way import bent_to, evenly, farthest_m, rest_of
 
+Carry = Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
+"""Takes points (M, 2) into another frame; tells for which of them (M,) that is known."""
+
 _LOOK_AHEAD_M = 1.5  # so far along the way the robot is looked for
 _AGAIN_PER_M = 3.0  # metres in which the robot is led back to the way, for each metre that it is beside it
 _AGAIN_LEAST_M = 0.8
+_LONG_AGO_NS = -(1 << 62)
 _COARSE = 3  # of the way's points one in so many is compared
 
 
@@ -106,6 +112,15 @@ class KeptWay:
         if self.short_m == 0.0:
             ahead = bent_to(ahead[::-1], goal_m, over_m=_AGAIN_LEAST_M)[::-1]
         return replace(self, way_m=ahead, goal_m=goal_m)
+
+    def carried(self, onto: Carry) -> KeptWay | None:
+        """Return the way in another frame, searched long ago; None where it does not lie in that, or there was none."""
+        if self.way_m is None:
+            return None
+        moved, valid = onto(np.concatenate([self.way_m, self.goal_m[None]]))
+        if not valid.all():
+            return None
+        return replace(self, way_m=evenly(moved[:-1]), goal_m=moved[-1], searched_ns=_LONG_AGO_NS)
 
     def from_robot(self, robot_m: FloatArray) -> FloatArray | None:
         """Return the way (P, 2) from the robot (2,), led smoothly back to the kept one, evenly spaced."""

@@ -1,8 +1,9 @@
 """From depth pictures, sightings, odometry and scans to waypoints, over a map that the camera's own calibration makes.
 
-    sightings + odometry → calibration → floor_from_robot
+    calibration + odometry → floor_from_robot
     disparity → memory → lift → map of the floor ← scans
     map + floor_from_robot + goal pixel → way → waypoints
+    sightings + odometry → calibration of the next picture
 
 Until the calibration is good enough the robot takes careful first steps that teach it.
 """
@@ -29,7 +30,7 @@ from revnm_server.map_planner import MapPlanner, PlannerSettings
 from revnm_server.observation import Image32
 from revnm_server.ports import GoalPixel
 from revnm_server.scan_trail import PastScan, ScanTrail
-from revnm_server.site_map import SiteMap
+from revnm_server.site_map import Reframed, SiteMap
 from revnm_server.tag_plane import TagPlane
 
 _DRIVES_OF_A_ROBOT = 1_000_000
@@ -150,6 +151,8 @@ class MapNavigator:
             name: _Robot(shape, OdometryTrack(index * _DRIVES_OF_A_ROBOT), MapPlanner(planner or PlannerSettings()))
             for index, (name, shape) in enumerate(robots.items())
         }
+        self._untaught: list[Keyframe] = []
+        self.learn()  # places the map in a calibration that was kept
 
     def hear_odometry(self, robot: str, odometry: Odometry) -> None:
         """Take a robot's odometry."""
@@ -175,7 +178,7 @@ class MapNavigator:
         sightings: Sequence[RobotSighting],
         goals: Mapping[str, GoalPixel],
     ) -> NavigatorTick:
-        """Process one picture.
+        """Process one picture. What its sightings teach of the camera waits for :meth:`learn`.
 
         Args:
             stamp_ns: Its capture time.
@@ -184,11 +187,9 @@ class MapNavigator:
             goals: Where robots should go; who is not in it gets no route.
         """
         for sighting in sightings:
-            self._observe(sighting)
+            self._sight(sighting)
         state = self._calibrator.state
         places = self._places(stamp_ns)
-        if state.camera is not None and self._site.recalibrate(state):
-            self._changed()
         self._see(stamp_ns, disparity, places)
         grid = self._site.grid(stamp_ns)
         routes = {
@@ -196,14 +197,24 @@ class MapNavigator:
         }
         return NavigatorTick(routes, places, grid, state)
 
-    def _observe(self, sighting: RobotSighting) -> None:
+    def learn(self) -> None:
+        """Calibrate with the sightings of the pictures so far, and place the map in what the camera is known to be."""
+        for frame in self._untaught:
+            self._calibrator.observe(frame)
+        self._untaught.clear()
+        state = self._calibrator.state
+        reframed = self._site.recalibrate(state) if state.camera is not None else None
+        if reframed is not None:
+            self._reframe(reframed)
+
+    def _sight(self, sighting: RobotSighting) -> None:
         each = self._robots[sighting.robot]
         each.sighting = sighting
         travel = each.track.at(sighting.stamp_ns)
         if travel is not None:
             each.note_driven(travel.odom_from_robot, learning=not self._calibrator.state.leads)
             each.seen = travel
-            self._calibrator.observe(
+            self._untaught.append(
                 Keyframe(sighting.pixel, sighting.heading, sighting.corners, travel, each.shape.mount, each.track.drive)
             )
 
@@ -216,10 +227,10 @@ class MapNavigator:
                 found[name] = place
         return found
 
-    def _changed(self) -> None:
-        """Place all scans again in the frame of the new calibration, and look for ways anew."""
+    def _reframe(self, reframed: Reframed) -> None:
+        """Place scans and ways again in the frame of the new calibration: ways where the picture shows them."""
         for each in self._robots.values():
-            each.planner.forget()
+            each.planner.carry(reframed.carry)
             for past in each.trail.all():
                 place = self._calibrator.floor_from_robot(past.travel, past.drive)
                 if place is not None:

@@ -71,13 +71,14 @@ class MapPipeline:
         self._navigator: MapNavigator
         self._site: SiteMap
         self._last_seen: dict[str, RobotSighting] = {}
-        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="beliefs")
+        self._threads = ThreadPoolExecutor(max_workers=2, thread_name_prefix="networks")
         self._thought: Future[_Thought] | None = None
 
     def step(self, frame: Frame, goals: Mapping[str, GoalPixel]) -> TickResult:
         """Process one picture.
 
-        What the policy makes of it serves the plans of the next one, so that its own do not wait for it.
+        While the depth network looks at it, the robots are found and heard. What it teaches of the camera, and what the
+        policy makes of it, serves the plans of the next one, so that its own do not wait for it.
 
         Args:
             frame: The newest picture.
@@ -89,39 +90,50 @@ class MapPipeline:
         """
         timings_ms: dict[str, float] = {}
         with timed(timings_ms, "tick"):
-            with timed(timings_ms, "depth"):
-                disparity = self._depth.disparity(frame)
-                check_array("disparity", disparity, self._hw)
+            looking = self._threads.submit(self._look, frame, timings_ms)
             with timed(timings_ms, "tag"):
                 sightings = self._see_robots(frame)
             egos = self._recall(timings_ms)
             with timed(timings_ms, "map"):
-                tick = self._navigate(frame, disparity, sightings, goals)
-        if self._beliefs is not None:
-            self._thought = self._thread.submit(self._think, self._beliefs, tick, disparity, frame.stamp_ns)
+                self._hear(frame)
+            disparity = looking.result()
+            with timed(timings_ms, "map"):
+                tick = self._navigator.step(frame.stamp_ns, disparity, sightings, goals)
+        if self._keeper is not None:
+            self._keeper.offer(frame.size_px, self._calibrator.belief, good=tick.calibration.status == "good")
+        self._thought = self._threads.submit(self._think, tick, disparity, frame.stamp_ns)
         plans = tuple(
             RobotPlan(robot, route.waypoints_m, frame.stamp_ns, goals[robot].id)
             for robot, route in tick.routes.items()
             if route.waypoints_m is not None
         )
-        if self._keeper is not None:
-            self._keeper.offer(frame.size_px, self._calibrator.belief, good=tick.calibration.status == "good")
         site = self._report(frame, tick)
         seen = tuple(self._last_seen.values())
         return TickResult(plans, seen, normalise_disparity(disparity), egos, timings_ms, site)
 
     def close(self) -> None:
         """Keep what was learnt of the camera."""
-        self._thread.shutdown()
+        self._threads.shutdown()
         if self._keeper is not None:
             self._keeper.close()
 
-    def _think(self, beliefs: MapBeliefs, tick: NavigatorTick, disparity: Image32, stamp_ns: int) -> _Thought:
+    def _look(self, frame: Frame, timings_ms: dict[str, float]) -> Image32:
+        with timed(timings_ms, "depth"):
+            disparity = self._depth.disparity(frame)
+            check_array("disparity", disparity, self._hw)
+        return disparity
+
+    def _think(self, tick: NavigatorTick, disparity: Image32, stamp_ns: int) -> _Thought:
         timings_ms: dict[str, float] = {}
-        return beliefs.renew(tick, self._site, disparity, stamp_ns, timings_ms), timings_ms
+        egos: dict[str, Image32] = {}
+        if self._beliefs is not None:
+            egos = self._beliefs.renew(tick, self._site, disparity, stamp_ns, timings_ms)
+        with timed(timings_ms, "learn"):
+            self._navigator.learn()
+        return egos, timings_ms
 
     def _recall(self, timings_ms: dict[str, float]) -> dict[str, Image32]:
-        """Wait for what the policy makes of the picture before: from here on the map is this thread's alone again."""
+        """Wait for what is made of the picture before: from here on the map is this thread's alone again."""
         thought, self._thought = self._thought, None
         if thought is None:
             return {}
@@ -140,9 +152,7 @@ class MapPipeline:
         }
         return now
 
-    def _navigate(
-        self, frame: Frame, disparity: Image32, sightings: list[RobotSighting], goals: Mapping[str, GoalPixel]
-    ) -> NavigatorTick:
+    def _hear(self, frame: Frame) -> None:
         if frame.size_px != self._size_px:
             self._begin(frame.size_px)
         for robot, senses in self._senses.items():
@@ -151,7 +161,6 @@ class MapPipeline:
                 self._navigator.hear_odometry(robot, odometry)
             for scan in heard.scans:
                 self._navigator.hear_scan(robot, scan)
-        return self._navigator.step(frame.stamp_ns, disparity, sightings, goals)
 
     def _begin(self, size_px: tuple[int, int]) -> None:
         """Begin with a camera of which nothing is known but the size of its picture."""

@@ -13,7 +13,7 @@ import numpy as np
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.floor_search import FloorSearch, Found, SearchSettings, Task, corridor, crosses, impassable
-from revnm_server.kept_way import KeepSettings, KeptWay, Option, judge, swerves
+from revnm_server.kept_way import Carry, KeepSettings, KeptWay, Option, judge, swerves
 from revnm_server.travel_cost import CostSettings, travel_cost
 from revnm_server.way import at_lengths
 
@@ -72,9 +72,10 @@ class MapPlanner:
         self._search = FloorSearch(settings.search)
         self._kept: KeptWay | None = None
 
-    def forget(self) -> None:
-        """Drop the kept way, as when the frame of the map was changed."""
-        self._kept = None
+    def carry(self, onto: Carry) -> None:
+        """Take the kept way, if it all can be, over into a map whose frame has changed; the next plan searches anew."""
+        if self._kept is not None:
+            self._kept = self._kept.carried(onto)
 
     def plan(
         self, grid: FloorGrid, map_from_robot: Pose2, goal_m: FloatArray, *, goal_id: str, stamp_ns: int

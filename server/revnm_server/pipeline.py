@@ -65,8 +65,9 @@ class TickResult:
         ego_depths: (ego_px, ego_px) in [−1, 1] of each robot that got a plan; where plans are made on the map, with
             the picture before.
         timings_ms: Duration of the stages ``depth``, ``tag``, ``exo2ego`` and ``policy``, and of the ``tick``, from
-            picture to plans. Where plans are made on the map, there is a stage ``map``, and exo2ego and policy are
-            those of the picture before: they ran after its tick.
+            picture to plans. Where plans are made on the map, there are the stages ``map``, a part of which runs beside
+            the depth network, and ``learn``, of the camera; exo2ego, policy and learn are those of the picture before:
+            they ran after its tick.
         site: What the camera has learnt of itself and of the place; None where no map is made.
     """
 

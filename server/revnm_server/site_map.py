@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Scan
 from revnm_server.calibration.calibrator import CalibrationState
 from revnm_server.disparity_memory import DisparityMemory
+from revnm_server.floor_beliefs import FloorBeliefs
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.floor_map import Body, FloorMapper, MapSpec
 from revnm_server.floor_view import floor_view
 from revnm_server.frame import RobotSighting
 from revnm_server.lift import FloorLifter, Lifted, NoFloor
-from revnm_server.map_window import onto_grid
 from revnm_server.observation import Image32
 from revnm_server.robot_mask import robot_mask, tag_mask
 from revnm_server.scan_memory import ScanMemory
@@ -27,8 +28,24 @@ _SHIFT = 0.02  # of its distance: a place that moves more asks for a new map
 _SURER = 0.7  # of its spread: a calibration that is so much surer, too
 _LONGEST_WITHOUT_NS = 2_000_000_000
 _NS_PER_S = 1e9
-_FRESH_NS = 1_000_000_000
-_LARGEST_BELIEF = np.float32(0.9)  # less than what the planner calls sure
+
+
+class Reframed(NamedTuple):
+    """The map's frame has changed.
+
+    Attributes:
+        before: The calibration of the former frame; None where there was none, or nothing of it holds any more.
+        now: That of the new one.
+    """
+
+    before: FloorCamera | None
+    now: FloorCamera
+
+    def carry(self, points_m: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Take points (..., 2) of the former frame into the new one; tell for which of them (...,) that is known."""
+        if self.before is None:
+            return points_m, np.zeros(points_m.shape[:-1], dtype=np.bool_)
+        return self.before.carry(points_m, self.now)
 
 
 class SiteMap:
@@ -65,31 +82,34 @@ class SiteMap:
         self._taken: CalibrationState | None = None
         self._seen: FloorGrid | None = None
         self._seen_ns = 0
-        self._believed: Image32 | None = None
+        self._beliefs = FloorBeliefs(self._spec)
 
-    def recalibrate(self, state: CalibrationState) -> bool:
-        """Take a calibration; return whether it changed the map's frame, so that scans must be placed again.
+    def recalibrate(self, state: CalibrationState) -> Reframed | None:
+        """Take a calibration; return what became of the map's frame if it changed: scans must be placed again then.
 
         A calibration that began anew, because something has jumped, forgets what the pictures showed before.
         """
         assert state.camera is not None
         if state is self._taken:  # it is the same object until something is learnt
-            return False
+            return None
         self._taken = state
         jumped = state.event != self._event
         surer = state.spread_2_m < _SURER * self._spread_m
         if self._camera is not None and not jumped and not surer and self._shift(state.camera) < _SHIFT:
-            return False
+            return None
+        before = None if jumped else self._camera
+        if before is not None:
+            self._beliefs.carry(before, state.camera)
         self._camera, self._spread_m, self._event = state.camera, state.spread_2_m, state.event
         self._view = floor_view(state.camera, self._hw, state.covariance)
         self._lifter, self._mapper = FloorLifter(self._view), FloorMapper(self._view, self._spec)
-        self._believed = None
         if self._scans is not None:
             self._scans.forget()
         if jumped:
             self._memory.forget()
+            self._beliefs.forget()
             self._seen = None
-        return True
+        return Reframed(before, state.camera)
 
     def hear_scan(self, scan: Scan, floor_from_robot: Pose2, *, times: int = 1) -> None:
         """Take a scan that was made at a place, and stands for so many."""
@@ -121,32 +141,12 @@ class SiteMap:
         self._seen, self._seen_ns = self._mapper.draw(lifted, remembered.age_s, bodies), stamp_ns
 
     def believe(self, window: Image32, floor_from_robot: Pose2, stamp_ns: int) -> None:
-        """Take what a policy believes to stand around a robot, (side, side) probabilities, as of a time.
-
-        It is kept where no newer belief lies on it, until the map's frame changes.
-        """
-        drawn = onto_grid(window, self._spec.unknown(), floor_from_robot)
-        if self._believed is None:
-            self._believed = np.full_like(drawn, np.nan)
-            self._believed_ns = np.zeros(drawn.shape, dtype=np.int64)
-        new = ~np.isnan(drawn)
-        self._believed[new], self._believed_ns[new] = drawn[new], stamp_ns
+        """Take what a policy believes to stand around a robot, (side, side) probabilities, as of a time."""
+        self._beliefs.take(window, floor_from_robot, stamp_ns)
 
     def believed_grid(self, grid: FloorGrid, stamp_ns: int) -> FloorGrid:
-        """Return a map with beliefs in it, as of a time.
-
-        Where nothing is known they count however old they are. Where the camera sees, those of just now take the map's
-        place: a policy has learnt how depth is wrong. What a scan has met stays. None is sure of an obstacle: a policy
-        makes ways dear, but shuts none.
-        """
-        if self._believed is None:
-            return grid
-        fresh = stamp_ns - self._believed_ns <= _FRESH_NS
-        open_to = (fresh | ~grid.known) & ~np.isnan(self._believed)
-        if self._scans is not None:
-            open_to &= ~self._scans.met
-        obstacle = np.where(open_to, np.minimum(self._believed, _LARGEST_BELIEF), grid.obstacle)
-        return replace(grid, obstacle=obstacle.astype(np.float32))
+        """Return a map with the beliefs in it, as of a time."""
+        return self._beliefs.into(grid, None if self._scans is None else self._scans.met, stamp_ns)
 
     def scans_alone(self) -> Image32 | None:
         """Return the probability (Ny, Nx) of obstacles by the scans alone; None where they do not go into the map."""

@@ -15,10 +15,10 @@ from revnm_server.observation import Image32
 
 @contextmanager
 def timed(timings_ms: dict[str, float], stage: str) -> Iterator[None]:
-    """Note how long the block took, milliseconds."""
+    """Add how long the block took to the stage, milliseconds."""
     start = time.perf_counter()
     yield
-    timings_ms[stage] = (time.perf_counter() - start) * 1e3
+    timings_ms[stage] = timings_ms.get(stage, 0.0) + (time.perf_counter() - start) * 1e3
 
 
 def check_array(what: str, array: Image32 | FloatArray, shape: tuple[int, ...]) -> None:

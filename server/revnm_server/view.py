@@ -125,8 +125,8 @@ class ServerView:
     Attributes:
         camera: The camera.
         robots: All robots.
-        timings_ms: By stage: ``depth``, ``tag``, ``exo2ego``, ``policy``, ``tick`` from picture to plans, and ``map``
-            where one is made: then exo2ego and policy run after the tick.
+        timings_ms: By stage: ``depth``, ``tag``, ``exo2ego``, ``policy``, ``tick`` from picture to plans. Where a map
+            is made, ``map`` and ``learn``, too; exo2ego, policy and learn then run after the tick, depth beside tag.
         ready: Whether a goal would be driven to now.
         reasons: Why it is not ready.
         warnings: What is odd, though it works.

@@ -58,3 +58,26 @@ def test_parameters_survive_the_round_trip():
     again = FloorCamera.from_vector(camera.vector, camera.size_px)
     assert again.vector == pytest.approx(camera.vector)
     assert again.focal_px == pytest.approx(700.0)
+
+
+def test_points_are_carried_to_where_another_calibration_has_their_pixels():
+    before, now = (
+        FloorCamera((640, 480), 300.0, 0.5, 0.02, 2.5),
+        FloorCamera((640, 480), 330.0, 0.48, -0.01, 2.6, -0.03),
+    )
+    points_m = np.array([[2.5, 0.4], [4.0, -1.0], [6.0, 1.5]])
+    carried, valid = before.carry(points_m, now)
+    assert valid.all()
+    assert np.abs(carried - points_m).max() > 0.1
+    standing = [np.column_stack([each, np.zeros(3)]) for each in (points_m, carried)]
+    np.testing.assert_allclose(now.project(standing[1])[0], before.project(standing[0])[0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("points_m", "pitch_rad"),
+    [([[3.0, 0.0], [-3.0, 0.0]], 0.5), ([[3.0, 0.0], [20.0, 0.0]], 0.35), ([[3.0, 0.0], [9.0, 0.0]], 0.37)],
+    ids=["behind the camera", "above the horizon", "much farther than before"],
+)
+def test_points_that_another_calibration_does_not_have_are_not_carried(points_m, pitch_rad):
+    before, now = (FloorCamera((640, 480), 300.0, pitch, 0.0, 2.5) for pitch in (0.5, pitch_rad))
+    np.testing.assert_array_equal(before.carry(np.array(points_m), now)[1], [True, False])

@@ -25,6 +25,10 @@ def blurred(boxes, rng: np.random.Generator, noise: float) -> FloorGrid:
     return with_obstacles(1.0 / (1.0 + np.exp(-odds)))
 
 
+def nowhere(points_m):
+    return points_m, np.zeros(len(points_m), dtype=np.bool_)
+
+
 def sides(keep: KeepSettings) -> set[bool]:
     """On which sides of a wall's middle 50 replans pass, while the map flickers and the robot's place jitters."""
     rng, kept_by = np.random.default_rng(0), planner(keep=keep)
@@ -91,6 +95,35 @@ def test_between_searches_a_way_costs_what_it_costs_on_the_whole_map():
     assert first.cost > length_m(first.way_m) + 0.2
 
 
+def test_the_side_stays_when_the_frame_changes():
+    """A new calibration turns and stretches the map; the way past the wall is as long on the other side."""
+    grid = floor(12.0, 10.0, *TWO_GAPS)
+    kept_by, robot = planner(), Pose2(2.0, 5.1, 0.0)
+    low = plan(kept_by, grid, Pose2(2.0, 4.9, 0.0))
+    assert y_at(low, 6.1) < 5.0
+    assert y_at(plan(planner(), grid, robot), 6.1) > 5.0  # who knows of no way goes the other one
+    kept_by.carry(lambda points_m: (points_m * np.array([1.0, 1.02]), np.ones(len(points_m), dtype=np.bool_)))
+    after = kept_by.plan(grid, robot, GOAL, goal_id="a", stamp_ns=1)
+    assert y_at(after, 6.1) < 5.0
+    np.testing.assert_allclose(after.way_m[-1], GOAL)
+
+
+def test_a_way_that_does_not_lie_in_the_new_frame_is_dropped():
+    grid, kept_by = floor(12.0, 10.0, *TWO_GAPS), planner()
+    plan(kept_by, grid, Pose2(2.0, 4.9, 0.0))
+    kept_by.carry(nowhere)
+    assert y_at(kept_by.plan(grid, Pose2(2.0, 5.1, 0.0), GOAL, goal_id="a", stamp_ns=1), 6.1) > 5.0
+
+
+def test_after_a_new_frame_the_way_is_looked_for_at_once():
+    kept_by, robot = planner(), Pose2(5.0, 5.0, 0.0)
+    opened = floor(12.0, 10.0, *TWO_GAPS)
+    assert "shut" in plan(kept_by, floor(12.0, 10.0, *CLOSED_WALL), robot).reason
+    assert "shut" in kept_by.plan(opened, robot, GOAL, goal_id="a", stamp_ns=1).reason
+    kept_by.carry(lambda points_m: (points_m, np.ones(len(points_m), dtype=np.bool_)))
+    assert kept_by.plan(opened, robot, GOAL, goal_id="a", stamp_ns=2).reason == ""
+
+
 def test_a_robot_beside_its_way_is_led_back_smoothly():
     kept_by, grid = planner(), floor(12.0, 10.0)
     plan(kept_by, grid)
@@ -123,5 +156,5 @@ def test_a_grid_of_another_size_or_a_clock_that_runs_backwards_is_no_matter():
     plan(kept_by, floor(12.0, 10.0, *TWO_GAPS), at=5)
     larger = plan(kept_by, floor(13.0, 11.0, *TWO_GAPS), at=4)
     assert larger.reason == ""
-    kept_by.forget()
+    kept_by.carry(nowhere)
     assert plan(kept_by, replace(floor(12.0, 10.0), cell_m=0.1), at=0).cost == pytest.approx(8.0, rel=0.01)

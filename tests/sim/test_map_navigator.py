@@ -68,6 +68,7 @@ class Room:
         seen = see_robot(self.camera, self.pose, SPEC, robot="rover", stamp_ns=self.stamp_ns)
         sightings = [replace(seen, corners=seen.corners + self.rng.normal(0.0, 0.3, (4, 2)))] if self.sees else []
         result = self.navigator.step(self.stamp_ns, self._disparity(), sightings, {"rover": self.goal})
+        self.navigator.learn()
         self.ticks.append(result)
         self._move(result.routes["rover"].waypoints_m)
         return result

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from revnm_server.calibration.calibrator import CalibrationState
 from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.floor_grid import FloorGrid
-from revnm_server.frame import Frame
+from revnm_server.frame import Frame, RobotSighting
 from revnm_server.map_beliefs import MapBeliefs
 from revnm_server.map_pipeline import MapPipeline, way_in_picture
 from revnm_server.map_window import WindowSpec, map_window
@@ -152,12 +153,38 @@ def test_depth_of_the_wrong_shape_is_a_fault() -> None:
         pipeline.step(Frame(np.zeros((480, 640, 3), np.uint8), 1, 1), {})
 
 
+class Together:
+    """The room's depth, which is not seen before its tags were looked for."""
+
+    def __init__(self, room: Room) -> None:
+        self._room, self._looked = room, threading.Event()
+
+    def disparity(self, frame: Frame) -> Image32:
+        assert self._looked.wait(20.0), "nobody looks for tags while the depth network runs"
+        return self._room.disparity(frame)
+
+    def sightings(self, frame: Frame) -> Sequence[RobotSighting]:
+        self._looked.set()
+        return self._room.sightings(frame)
+
+
+def test_tags_are_found_while_the_depth_network_runs() -> None:
+    room, told = Room(), Told()
+    both = Together(room)
+    pipeline = MapPipeline(depth=both, disparity_hw=HW, tags=both, senses={"rover": told}, shape=SHAPE)
+    told.heard = Heard(odometry=(room.odometry(1),))
+    result = pipeline.step(Frame(np.zeros((480, 640, 3), np.uint8), 1, 1), {})
+    assert [sighting.robot for sighting in result.sightings] == ["rover"]
+    assert result.disparity.shape == HW
+
+
 def test_what_was_learnt_of_the_camera_serves_after_a_restart(tmp_path: Path) -> None:
     first = Drive(CalibrationKeeper(tmp_path, "hall"))
     while first.tick().site.calibration.status != "good":  # type: ignore[union-attr]
         assert first.stamp_ns < 60 * TICK_NS
     first.pipeline.close()
     again = Drive(CalibrationKeeper(tmp_path, "hall"))
+    again.tick()  # it shows the robot, about which the calibration is judged
     site = again.tick().site
     assert site is not None
     assert site.calibration.status == "good"
@@ -199,7 +226,7 @@ class Scripted:
 def test_a_policy_sees_the_way_the_map_and_what_the_robot_would_see() -> None:
     networks = Scripted()
     drive = Drive(beliefs=MapBeliefs(SPEC, exo2ego=networks, policy=networks, tag_height_m=SHAPE.mount.height_m))
-    assert set(drive.until_led().timings_ms) == {"depth", "tag", "map", "tick"}  # nobody waited for the policy
+    assert set(drive.until_led().timings_ms) == {"depth", "tag", "map", "tick", "learn"}  # nobody waited for the policy
     result = drive.tick()
     drive.pipeline.close()
     (seen,), (ego,) = networks.asked, networks.egos
@@ -211,7 +238,7 @@ def test_a_policy_sees_the_way_the_map_and_what_the_robot_would_see() -> None:
     np.testing.assert_allclose(place.apply(seen.goal), route.goal_m)
     assert result.site.grid is not None
     np.testing.assert_array_equal(seen.window[0], map_window(result.site.grid, place)[0])
-    assert set(result.timings_ms) == {"depth", "tag", "map", "exo2ego", "policy", "tick"}
+    assert set(result.timings_ms) == {"depth", "tag", "map", "exo2ego", "policy", "tick", "learn"}
     assert set(result.ego_depths) == {"rover"}
     # Where the tag is in the picture, by calibration and odometry alone.
     shown = result.sightings[0]

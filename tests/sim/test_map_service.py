@@ -130,7 +130,7 @@ def test_a_goal_is_reached_with_a_camera_that_nobody_calibrated(site: Site) -> N
     assert state["camera"]["calibration"]["event"] is None
     assert state["rejected"]["rover/odom"] >= 1
     assert state["warnings"] == ["a note"]
-    assert set(state["timings_ms"]) == {"depth", "tag", "map", "tick"}
+    assert set(state["timings_ms"]) == {"depth", "tag", "map", "tick", "learn"}
     picture = site.first_of_stream("map")
     assert picture.shape[2] == 3
     assert picture.shape != (480, 640, 3)

@@ -79,6 +79,7 @@ class BevMethod:
         tick = self._navigator.step(now_ns, disparity, self._sightings.sightings(now_ns), self._goals)
         if self._beliefs is not None:
             self._beliefs.renew(tick, self._site, disparity, now_ns, {})
+        self._navigator.learn()
         return tick.routes[ROBOT].waypoints_m
 
 
