@@ -20,6 +20,9 @@ PARAMETERS = 5
 
 _LEAST_DEPTH_M = 1e-3
 _MOST_CARRIED = 0.5
+_MISSED = (
+    0.01  # of the distance, by which a pixel of a point may lead elsewhere: a lens that bends in has no such pixel
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +84,14 @@ class FloorCamera:
 
         Returns:
             Points (..., 2), metres, its floor frame, and which of them (...,) are valid: those before the camera both
-            times, and not elsewhere by more than half of their distance.
+            times, where its lens has pixels for them, and not elsewhere by more than half of their distance.
         """
         standing = np.concatenate([points_m, np.zeros((*points_m.shape[:-1], 1))], axis=-1)
         pixels, depths = self.project(standing)
         carried, valid = onto.on_plane(pixels)
-        apart, far = (np.linalg.norm(each, axis=-1) for each in (carried - points_m, points_m))
-        return carried, valid & (depths > _LEAST_DEPTH_M) & (apart <= _MOST_CARRIED * far)
+        back, _ = self.on_plane(pixels)
+        far, apart, missed = (np.linalg.norm(each, axis=-1) for each in (points_m, carried - points_m, back - points_m))
+        return carried, valid & (depths > _LEAST_DEPTH_M) & (apart <= _MOST_CARRIED * far) & (missed <= _MISSED * far)
 
 
 def rotation(vector: FloatArray) -> FloatArray:

@@ -79,8 +79,7 @@ class MapBeliefs:
                     for robot, ego in zip(led, egos, strict=True)
                 ]
             )
-        for robot, belief in zip(led, occupied, strict=True):
-            site.believe(belief, tick.places[robot], stamp_ns)
+        site.believe([(each, tick.places[robot]) for robot, each in zip(led, occupied, strict=True)], stamp_ns)
         return dict(zip(led, egos, strict=True))
 
     def _imagine(

@@ -178,7 +178,7 @@ class MapNavigator:
         sightings: Sequence[RobotSighting],
         goals: Mapping[str, GoalPixel],
     ) -> NavigatorTick:
-        """Process one picture. What its sightings teach of the camera waits for :meth:`learn`.
+        """Process one picture. What sightings teach of a camera that has placed their robots waits for :meth:`learn`.
 
         Args:
             stamp_ns: Its capture time.
@@ -198,10 +198,13 @@ class MapNavigator:
         return NavigatorTick(routes, places, grid, state)
 
     def learn(self) -> None:
-        """Calibrate with the sightings of the pictures so far, and place the map in what the camera is known to be."""
-        for frame in self._untaught:
+        """Calibrate with the sightings of the pictures so far, and place the map in what the camera is known to be.
+
+        The map's frame may change: what was said of it with :meth:`step` must be used before, and nothing beside.
+        """
+        untaught, self._untaught = self._untaught, []
+        for frame in untaught:
             self._calibrator.observe(frame)
-        self._untaught.clear()
         state = self._calibrator.state
         reframed = self._site.recalibrate(state) if state.camera is not None else None
         if reframed is not None:
@@ -214,9 +217,12 @@ class MapNavigator:
         if travel is not None:
             each.note_driven(travel.odom_from_robot, learning=not self._calibrator.state.leads)
             each.seen = travel
-            self._untaught.append(
-                Keyframe(sighting.pixel, sighting.heading, sighting.corners, travel, each.shape.mount, each.track.drive)
-            )
+            drive = each.track.drive
+            frame = Keyframe(sighting.pixel, sighting.heading, sighting.corners, travel, each.shape.mount, drive)
+            if self._calibrator.floor_from_robot(travel, drive) is None:  # without it the robot is nowhere
+                self._calibrator.observe(frame)
+            else:
+                self._untaught.append(frame)
 
     def _places(self, stamp_ns: int) -> dict[str, Pose2]:
         found = {}

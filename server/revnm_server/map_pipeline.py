@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 import numpy as np
 
@@ -71,7 +71,7 @@ class MapPipeline:
         self._navigator: MapNavigator
         self._site: SiteMap
         self._last_seen: dict[str, RobotSighting] = {}
-        self._threads = ThreadPoolExecutor(max_workers=2, thread_name_prefix="networks")
+        self._threads = ThreadPoolExecutor(max_workers=2, thread_name_prefix="beside-tick")
         self._thought: Future[_Thought] | None = None
 
     def step(self, frame: Frame, goals: Mapping[str, GoalPixel]) -> TickResult:
@@ -86,21 +86,25 @@ class MapPipeline:
 
         Raises:
             ContractError: The depth source gave an array of the wrong shape or with values that are not finite, or a
-                network did so with the picture before.
+                network did so with the picture before. What else failed with that is raised, too.
         """
         timings_ms: dict[str, float] = {}
         with timed(timings_ms, "tick"):
             looking = self._threads.submit(self._look, frame, timings_ms)
-            with timed(timings_ms, "tag"):
-                sightings = self._see_robots(frame)
-            egos = self._recall(timings_ms)
-            with timed(timings_ms, "map"):
-                self._hear(frame)
+            try:
+                with timed(timings_ms, "tag"):
+                    sightings = self._see_robots(frame)
+                egos = self._recall(timings_ms)
+                with timed(timings_ms, "map"):
+                    self._hear(frame.size_px)
+            finally:
+                wait([looking])  # networks do not run beside themselves, whatever fails
             disparity = looking.result()
             with timed(timings_ms, "map"):
+                self._hear(frame.size_px)  # and what came since: the newest odometry tells best where the robots were
                 tick = self._navigator.step(frame.stamp_ns, disparity, sightings, goals)
         if self._keeper is not None:
-            self._keeper.offer(frame.size_px, self._calibrator.belief, good=tick.calibration.status == "good")
+            self._offer(self._keeper, frame.size_px)
         self._thought = self._threads.submit(self._think, tick, disparity, frame.stamp_ns)
         plans = tuple(
             RobotPlan(robot, route.waypoints_m, frame.stamp_ns, goals[robot].id)
@@ -115,7 +119,12 @@ class MapPipeline:
         """Keep what was learnt of the camera."""
         self._threads.shutdown()
         if self._keeper is not None:
+            if self._size_px is not None:
+                self._offer(self._keeper, self._size_px)
             self._keeper.close()
+
+    def _offer(self, keeper: CalibrationKeeper, size_px: tuple[int, int]) -> None:
+        keeper.offer(size_px, self._calibrator.belief, good=self._calibrator.state.status == "good")
 
     def _look(self, frame: Frame, timings_ms: dict[str, float]) -> Image32:
         with timed(timings_ms, "depth"):
@@ -126,10 +135,12 @@ class MapPipeline:
     def _think(self, tick: NavigatorTick, disparity: Image32, stamp_ns: int) -> _Thought:
         timings_ms: dict[str, float] = {}
         egos: dict[str, Image32] = {}
-        if self._beliefs is not None:
-            egos = self._beliefs.renew(tick, self._site, disparity, stamp_ns, timings_ms)
-        with timed(timings_ms, "learn"):
-            self._navigator.learn()
+        try:
+            if self._beliefs is not None:
+                egos = self._beliefs.renew(tick, self._site, disparity, stamp_ns, timings_ms)
+        finally:  # afterwards, since beliefs are of the tick's frame; and whatever became of them
+            with timed(timings_ms, "learn"):
+                self._navigator.learn()
         return egos, timings_ms
 
     def _recall(self, timings_ms: dict[str, float]) -> dict[str, Image32]:
@@ -152,9 +163,9 @@ class MapPipeline:
         }
         return now
 
-    def _hear(self, frame: Frame) -> None:
-        if frame.size_px != self._size_px:
-            self._begin(frame.size_px)
+    def _hear(self, size_px: tuple[int, int]) -> None:
+        if size_px != self._size_px:
+            self._begin(size_px)
         for robot, senses in self._senses.items():
             heard = senses.listen()
             for odometry in heard.odometry:

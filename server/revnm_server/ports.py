@@ -112,7 +112,7 @@ class Senses(Protocol):
 
 
 class DisparitySource(Protocol):
-    """Sees how near things are."""
+    """Sees how near things are. Another thread may ask it than asks for sightings, at the same time."""
 
     def disparity(self, frame: Frame) -> Image32:
         """Return the disparity (h, w) of ``ObservationSpec.disparity_hw``, up to scale and shift; finite."""

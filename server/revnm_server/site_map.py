@@ -78,7 +78,7 @@ class SiteMap:
         self._scans = ScanMemory(self._spec) if scans else None
         self._camera: FloorCamera | None = None
         self._spread_m = math.inf
-        self._event: str | None = None
+        self._restarts = 0
         self._taken: CalibrationState | None = None
         self._seen: FloorGrid | None = None
         self._seen_ns = 0
@@ -93,14 +93,14 @@ class SiteMap:
         if state is self._taken:  # it is the same object until something is learnt
             return None
         self._taken = state
-        jumped = state.event != self._event
+        jumped = state.restarts != self._restarts
         surer = state.spread_2_m < _SURER * self._spread_m
         if self._camera is not None and not jumped and not surer and self._shift(state.camera) < _SHIFT:
             return None
         before = None if jumped else self._camera
         if before is not None:
             self._beliefs.carry(before, state.camera)
-        self._camera, self._spread_m, self._event = state.camera, state.spread_2_m, state.event
+        self._camera, self._spread_m, self._restarts = state.camera, state.spread_2_m, state.restarts
         self._view = floor_view(state.camera, self._hw, state.covariance)
         self._lifter, self._mapper = FloorLifter(self._view), FloorMapper(self._view, self._spec)
         if self._scans is not None:
@@ -140,9 +140,9 @@ class SiteMap:
         self.reason, self.lifted = "", lifted
         self._seen, self._seen_ns = self._mapper.draw(lifted, remembered.age_s, bodies), stamp_ns
 
-    def believe(self, window: Image32, floor_from_robot: Pose2, stamp_ns: int) -> None:
-        """Take what a policy believes to stand around a robot, (side, side) probabilities, as of a time."""
-        self._beliefs.take(window, floor_from_robot, stamp_ns)
+    def believe(self, windows: Sequence[tuple[Image32, Pose2]], stamp_ns: int) -> None:
+        """Take what a policy believes to stand around robots, (side, side) probabilities and poses, as of a time."""
+        self._beliefs.take(windows, stamp_ns)
 
     def believed_grid(self, grid: FloorGrid, stamp_ns: int) -> FloorGrid:
         """Return a map with the beliefs in it, as of a time."""

@@ -73,6 +73,18 @@ def test_points_are_carried_to_where_another_calibration_has_their_pixels():
     np.testing.assert_allclose(now.project(standing[1])[0], before.project(standing[0])[0], atol=1e-6)
 
 
+def test_a_lens_carries_only_what_it_has_pixels_for():
+    """A lens that bends in has an end; beyond it the division model has no pixel."""
+    camera = FloorCamera((640, 480), 300.0, 0.5, 0.0, 2.5, 0.03)
+    points_m = np.stack(np.meshgrid(np.arange(0.2, 8.0, 0.1), np.arange(-6.0, 6.0, 0.1)), axis=-1)
+    carried, valid = camera.carry(points_m, camera)
+    apart = np.hypot(*np.moveaxis(carried - points_m, -1, 0))
+    assert apart.max() > 1.0
+    assert apart[valid].max() < 0.1
+    ahead = (points_m[..., 0] > 2.0) & (np.abs(points_m[..., 1]) < 1.0)
+    assert valid[ahead].all()
+
+
 @pytest.mark.parametrize(
     ("points_m", "pitch_rad"),
     [([[3.0, 0.0], [-3.0, 0.0]], 0.5), ([[3.0, 0.0], [20.0, 0.0]], 0.35), ([[3.0, 0.0], [9.0, 0.0]], 0.37)],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,12 @@ from revnm_server.calibration.calibrator import CalibrationState
 from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.floor_grid import FloorGrid
+from revnm_server.floor_map import MapSpec
 from revnm_server.frame import Frame, RobotSighting
+from revnm_server.kept_way import Carry
 from revnm_server.map_beliefs import MapBeliefs
 from revnm_server.map_pipeline import MapPipeline, way_in_picture
+from revnm_server.map_planner import MapPlanner
 from revnm_server.map_window import WindowSpec, map_window
 from revnm_server.observation import Image32
 from revnm_server.pipeline import TickResult
@@ -92,6 +96,22 @@ def test_the_robot_is_led_to_the_goal_and_the_report_says_how() -> None:
     assert drive.room.distance_m() < 0.35
     assert result.site.calibration.status == "good"
     assert result.site.grid is not None
+
+
+def test_a_new_calibration_takes_the_way_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken, carry = [], MapPlanner.carry
+
+    def seen(planner: MapPlanner, onto: Carry) -> None:
+        carry(planner, onto)
+        taken.append(bool(onto(np.array([GOAL_M]))[1].all()))
+
+    monkeypatch.setattr(MapPlanner, "carry", seen)
+    drive = Drive()
+    drive.until_led()
+    for _ in range(10):
+        drive.tick()
+    assert taken[0] is False  # there was no frame before the first
+    assert sum(taken) >= 2
 
 
 def test_the_way_is_drawn_where_the_camera_shows_it() -> None:
@@ -184,7 +204,6 @@ def test_what_was_learnt_of_the_camera_serves_after_a_restart(tmp_path: Path) ->
         assert first.stamp_ns < 60 * TICK_NS
     first.pipeline.close()
     again = Drive(CalibrationKeeper(tmp_path, "hall"))
-    again.tick()  # it shows the robot, about which the calibration is judged
     site = again.tick().site
     assert site is not None
     assert site.calibration.status == "good"
@@ -203,6 +222,56 @@ def test_a_damaged_file_is_named_and_nothing_is_believed_of_it(tmp_path: Path) -
         assert drive.stamp_ns < 60 * TICK_NS
     drive.pipeline.close()
     assert (tmp_path / "hall.json.refused").read_text() == "{"
+
+
+class Failing:
+    """Stands for both networks; they fail."""
+
+    def synthesise(self, requests: Sequence[EgoRequest]) -> Image32:
+        raise ContractError("no ego depth")
+
+    def believe(self, requests: Sequence[BeliefRequest]) -> Image32:
+        raise ContractError("no belief")
+
+
+def test_a_failing_policy_is_a_fault_and_the_camera_is_learnt_on() -> None:
+    networks = Failing()
+    drive = Drive(beliefs=MapBeliefs(SPEC, exo2ego=networks, policy=networks, tag_height_m=SHAPE.mount.height_m))
+    before = drive.until_led().site
+    faults = 0
+    for _ in range(30):
+        try:
+            site = drive.tick().site
+        except ContractError:  # of the picture before: no plan
+            faults += 1
+    assert faults >= 10
+    assert before is not None
+    assert site is not None
+    assert site.calibration.keyframes > before.calibration.keyframes + 4
+
+
+def test_a_tag_detector_that_fails_leaves_no_depth_network_running() -> None:
+    room, running = Room(), threading.Semaphore(1)
+
+    class Blind:
+        def disparity(self, frame: Frame) -> Image32:
+            assert running.acquire(blocking=False), "the depth network runs beside itself"
+            try:
+                return room.disparity(frame)
+            finally:
+                running.release()
+
+        def sightings(self, frame: Frame) -> list[RobotSighting]:
+            raise ContractError("no tags")
+
+    both = Blind()
+    pipeline = MapPipeline(depth=both, disparity_hw=HW, tags=both, senses={"rover": Told()}, shape=SHAPE)
+    for stamp in range(1, 6):
+        room.odometry(stamp)
+        with pytest.raises(ContractError, match="no tags"):
+            pipeline.step(Frame(np.zeros((480, 640, 3), np.uint8), stamp, stamp), {})
+        assert running.acquire(blocking=False), "the depth network runs on"
+        running.release()
 
 
 class Scripted:
@@ -260,16 +329,20 @@ def test_the_robot_arrives_with_a_policy_that_believes_the_best_and_with_one_tha
         assert drive.room.distance_m() < 0.35
 
 
+def calibrated(camera: FloorCamera, *, restarts: int = 0) -> CalibrationState:
+    return CalibrationState("good", camera, np.zeros((5, 5)), 0.0, 0.0, 1.0, 9, 3.0, None, restarts)
+
+
 def believing_site() -> tuple[SiteMap, FloorGrid]:
     """A map of which a strip was just seen, and the best and the worst that were believed at second 10."""
     site = SiteMap(SIZE_PX, HW)
-    site.recalibrate(CalibrationState("good", CAMERA_BELIEF, np.zeros((5, 5)), 0.0, 0.0, 1.0, 9, 3.0, None))
+    site.recalibrate(calibrated(CAMERA_BELIEF))
     grid = site.grid(0)
     assert grid is not None
     grid.obstacle[:, :100], grid.age_s[:, :100] = 0.2, 0.0
-    side = WindowSpec().side
-    site.believe(np.full((side, side), 0.97, dtype=np.float32), BELIEVER, 10 * SECOND_NS)
-    site.believe(np.full((side, side), 0.03, dtype=np.float32), BELIEVER @ Pose2(20.0, 0.0, 0.0), 10 * SECOND_NS)
+    side, beside = WindowSpec().side, BELIEVER @ Pose2(20.0, 0.0, 0.0)
+    worst, best = (np.full((side, side), each, dtype=np.float32) for each in (0.97, 0.03))
+    site.believe([(worst, BELIEVER), (best, beside)], 10 * SECOND_NS)
     return site, grid
 
 
@@ -295,6 +368,25 @@ def test_beliefs_of_now_take_the_place_of_what_the_camera_saw() -> None:
     assert plain.known[here]
     assert site.believed_grid(plain, 10 * SECOND_NS).obstacle[here] == pytest.approx(0.9)
     assert site.believed_grid(plain, 12 * SECOND_NS).obstacle[here] == np.float32(0.2)
+
+
+def test_beliefs_and_points_are_carried_into_a_new_calibration_but_not_over_a_jump() -> None:
+    for restarts in (0, 1):
+        site, grid = believing_site()[0], MapSpec().unknown()
+        before = site.believed_grid(grid, 10 * SECOND_NS).obstacle
+        other = replace(CAMERA_BELIEF, focal_px=1.1 * CAMERA_BELIEF.focal_px)
+        reframed = site.recalibrate(calibrated(other, restarts=restarts))
+        assert reframed is not None
+        (moved,), known = reframed.carry(np.array([[6.0, 0.0]]))
+        believed = site.believed_grid(grid, 10 * SECOND_NS)
+        if restarts:  # the camera may look elsewhere now
+            assert not known.any()
+            assert (believed.obstacle == 0.5).all()
+        else:
+            assert known.all()
+            assert abs(moved[0] - 6.0) > 0.2
+            assert believed.obstacle[cell(believed, moved)] == pytest.approx(0.9)
+            assert (believed.obstacle != before).any()
 
 
 def test_what_a_scan_has_met_stays() -> None:

@@ -41,6 +41,7 @@ class CalibrationState:
         keyframes: How many are in use.
         travel_m: Way between the keyframes of all drives; inf where a kept calibration is used.
         event: What happened last that an operator should know, or None.
+        restarts: How often the learning began anew, because nothing that was learnt before held any more.
     """
 
     status: Literal["unknown", "learning", "good"]
@@ -52,6 +53,7 @@ class CalibrationState:
     keyframes: int
     travel_m: float
     event: str | None
+    restarts: int
 
     @property
     def leads(self) -> bool:
@@ -86,6 +88,7 @@ class Calibrator:
         self._drives: list[int] = []
         self._doubts: dict[int, int] = {}
         self._event: str | None = None
+        self._restarts = 0
         self._state: CalibrationState | None = None  # of now; a new keyframe or a start over changes it
 
     @property
@@ -106,14 +109,18 @@ class Calibrator:
     def _judged(self) -> CalibrationState:
         belief = self.belief
         if self._solution is None and not self._known:
-            return CalibrationState("unknown", None, belief.covariance, math.inf, math.inf, 1.0, 0, 0.0, self._event)
+            return CalibrationState(
+                "unknown", None, belief.covariance, math.inf, math.inf, 1.0, 0, 0.0, self._event, self._restarts
+            )
         one, two = self._spread(1.0), self._spread(2.0)
         camera = FloorCamera.from_vector(belief.mean, self._size_px)
         misfit = self._solution.misfit if self._solution is not None else 1.0
         frames, travel_m = self._frames.frames, math.inf if self._known else self._frames.travel_m()
         good = two <= _SURE_AT_2_M and travel_m >= _LEAST_TRAVEL_M
         status: Literal["learning", "good"] = "good" if good else "learning"
-        return CalibrationState(status, camera, belief.covariance, one, two, misfit, len(frames), travel_m, self._event)
+        return CalibrationState(
+            status, camera, belief.covariance, one, two, misfit, len(frames), travel_m, self._event, self._restarts
+        )
 
     def observe(self, frame: Keyframe) -> None:
         """Take a sighting, whose drive's earlier ones came before it."""
@@ -200,6 +207,7 @@ class Calibrator:
         """Forget all keyframes, and of the camera all but a prior."""
         self._state = None
         self._event, self._prior, self._known = event, prior, False
+        self._restarts += 1
         self._frames, self._placed, self._solution = KeyframeSet(), [], None
         self._doubts = {}
 
