@@ -82,7 +82,8 @@ class TrialResult:
         closest_m: Least clearance of the body.
         blocked: Something stood in the straight way.
         hidden_m: How much of the planner's way lies on floor that the camera does not see.
-        tick_p50_ms: Median time to make a plan, rendering not included; perception ``truth`` needs no depth network.
+        tick_p50_ms: Median time to make a plan and to learn from its picture, one after the other, rendering not
+            included; perception ``truth`` needs no depth network.
         robot_tick_p50_ms: Median time of the robot's tick.
         track_m: Where the robot was, (x, y), world frame, every half second and at the end.
     """
