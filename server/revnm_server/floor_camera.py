@@ -19,10 +19,8 @@ PARAMETERS = 5
 """Of :meth:`FloorCamera.vector`: log of the focal length, pitch, roll, log of the height, distortion."""
 
 _LEAST_DEPTH_M = 1e-3
-_MOST_CARRIED = 0.5
-_MISSED = (
-    0.01  # of the distance, by which a pixel of a point may lead elsewhere: a lens that bends in has no such pixel
-)
+_MOST_CARRIED = 0.5  # of its distance, that a place may move between calibrations
+_MISSED = 0.01  # of its distance, that a place's pixel may miss it by: not all lenses have one for it
 
 
 @dataclass(frozen=True, slots=True)
