@@ -71,7 +71,7 @@ def test_one_wrong_sighting_changes_nothing():
     learner.see(wrong)
     np.testing.assert_array_equal(learner.calibrator.belief.mean, before)
     assert learner.place() is not None
-    assert learner.calibrator.state.event is None
+    assert (learner.calibrator.state.event, learner.calibrator.state.restarts) == (None, 0)
 
 
 @pytest.mark.parametrize("way_m", [1.0, 4.0])  # after a long drive the focal length is sure before and after
@@ -90,6 +90,7 @@ def test_a_knock_is_noticed_and_learnt_again(way_m):
         places.append(learner.place())
     assert None in places[:5]  # while sightings and odometry disagree, nothing is claimed
     assert "jumped" in (learner.calibrator.state.event or "")
+    assert learner.calibrator.state.restarts >= 1
     errors, _ = learner.errors(knocked, later[-1].floor_from_robot, 1.0)
     assert errors.mean() < 0.06
     assert learner.calibrator.belief.mean[1] == pytest.approx(knocked.pitch_rad, abs=math.radians(1.5))
