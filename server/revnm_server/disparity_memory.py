@@ -1,6 +1,6 @@
 """The static camera's memory: what the picture shows where nothing moves.
 
-Works on disparities of unknown scale and shift, so it needs no calibration. Imports numpy only.
+Works on disparities of unknown scale and shift, so it needs no calibration. Imports numpy and numba only.
 
 The rule. A pixel that agrees with its background is averaged into it. One that does not agree is shown as it is, at
 once; if it then stays the same for ``settle_s``, it becomes the background. So a thing that appears is there with the
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
+from revnm_server.memory_kernels import Background, learnt
 from revnm_server.observation import Image32
 from revnm_server.order_statistics import median, quantiles
 
@@ -84,12 +85,14 @@ class DisparityMemory:
 
     def forget(self) -> None:
         """Forget everything, as after the camera was moved."""
-        self._background = np.zeros(self._hw, dtype=np.float32)
-        self._candidate = np.zeros(self._hw, dtype=np.float32)
-        self._since_s = np.full(self._hw, math.inf)
-        self._count = np.zeros(self._hw, dtype=np.float32)
-        self._seen_s = np.full(self._hw, -math.inf)
-        self._clipped = np.zeros(self._hw, dtype=np.bool_)
+        self._memory = Background(
+            disparity=np.zeros(self._hw, dtype=np.float32),
+            pictures=np.zeros(self._hw, dtype=np.float32),
+            candidate=np.zeros(self._hw, dtype=np.float32),
+            since_s=np.full(self._hw, math.inf),
+            seen_s=np.full(self._hw, -math.inf),
+            clipped=np.zeros(self._hw, dtype=np.bool_),
+        )
         self._stamp_s = -math.inf
         self._lost_since_s = math.inf
 
@@ -101,6 +104,7 @@ class DisparityMemory:
             robots: (h, w), where robots are.
             stamp_s: Capture time; must not go back.
         """
+        disparity = np.ascontiguousarray(disparity, dtype=np.float32)
         seen, cut = ~robots, clipped(disparity)
         fit = self._align(disparity, seen & ~cut)
         if fit is None:
@@ -108,25 +112,24 @@ class DisparityMemory:
         self._lost_since_s = math.inf
         scale, shift, tolerance = fit
         aligned = (disparity - np.float32(shift)) * np.float32(1.0 / scale)
-        moving = self._learn(aligned, seen, tolerance, stamp_s)
-        self._seen_s[seen] = stamp_s
-        self._clipped = np.where(seen, cut, self._clipped)
-        self._stamp_s = stamp_s
-        known = self._count > 0.0
-        picture = np.where(moving, aligned, self._background)
-        age = (stamp_s - self._seen_s).astype(np.float32)
-        return Remembered(picture, known & ~self._clipped, age, moving, True)
+        dt_s, self._stamp_s = stamp_s - self._stamp_s, stamp_s
+        least_gain = min(1.0, dt_s / self._spec.average_s) if math.isfinite(dt_s) else 1.0
+        shown, usable, age, moving = learnt(
+            self._memory, aligned, seen, cut, tolerance, least_gain, self._spec.settle_s, stamp_s
+        )
+        return Remembered(shown, usable, age, moving, True)
 
     def _align(self, disparity: Image32, good: _BoolImage) -> tuple[float, float, float] | None:
         """Return scale, shift and tolerance of a picture against the background, or None if they do not fit."""
         part = (slice(_STRIDE // 2, None, _STRIDE),) * 2
-        sample = good[part] & (self._count[part] > 0.0) & ~self._clipped[part]
-        if not self._count.any():
+        memory = self._memory
+        sample = good[part] & (memory.pictures[part] > 0.0) & ~memory.clipped[part]
+        if not memory.pictures.any():
             span = float(np.ptp(quantiles(disparity[good], (0.02, 0.98)))) if good.any() else 0.0
             return 1.0, 0.0, self._spec.tolerance * span
         if sample.sum() < _LEAST_PIXELS:
             return None
-        known, new = (image[part][sample].astype(np.float64) for image in (self._background, disparity))
+        known, new = (image[part][sample].astype(np.float64) for image in (memory.disparity, disparity))
         scale, shift, sigma = _affine(known, new)
         span = float(np.ptp(quantiles(known, (0.02, 0.98))))
         tolerance = max(self._spec.sigmas * sigma, self._spec.tolerance * span)
@@ -134,34 +137,6 @@ class DisparityMemory:
             return None
         agree = np.abs((new - shift) / scale - known) < tolerance
         return (scale, shift, tolerance) if agree.mean() >= self._spec.least_share else None
-
-    def _learn(self, aligned: Image32, seen: _BoolImage, tolerance: float, stamp_s: float) -> _BoolImage:
-        """Learn a picture (h, w) in the memory's units; return where it moves."""
-        spec, dt_s = self._spec, stamp_s - self._stamp_s
-        least_gain = np.float32(min(1.0, dt_s / spec.average_s) if math.isfinite(dt_s) else 1.0)
-        new = seen & (self._count == 0.0)
-        difference = aligned - self._background
-        agree = seen & ~new & (np.abs(difference) < tolerance)
-        moving = seen & ~new & ~agree
-        gain = agree * np.maximum(1.0 / (self._count + 1.0), least_gain)
-        self._background += gain * difference
-        self._count += agree
-        self._candidates(aligned, moving, tolerance, stamp_s)
-        settled = moving & (stamp_s - self._since_s >= spec.settle_s)
-        np.copyto(self._background, aligned, where=new | settled)
-        self._count[new | settled] = 1.0
-        self._since_s[agree | settled] = math.inf
-        return np.asarray(moving & ~settled)
-
-    def _candidates(self, aligned: Image32, moving: _BoolImage, tolerance: float, stamp_s: float) -> None:
-        """Follow what differs from the background: since when it has looked the same."""
-        if not moving.any():
-            return
-        where = np.nonzero(moving)
-        now, before = aligned[where], self._candidate[where]
-        same = np.isfinite(self._since_s[where]) & (np.abs(now - before) < tolerance)
-        self._candidate[where] = np.where(same, before + 0.3 * (now - before), now)
-        self._since_s[where] = np.where(same, self._since_s[where], stamp_s)
 
     def _lost(self, disparity: Image32, seen: _BoolImage, cut: _BoolImage, stamp_s: float) -> Remembered:
         self._lost_since_s = min(self._lost_since_s, stamp_s)

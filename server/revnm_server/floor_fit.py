@@ -2,7 +2,7 @@
 
 On the floor d = a · nearness + b, nearness = 1 / depth of the floor along the view. Whatever stands on the floor is
 nearer than it, so obstacles lie on one side of the line however much of the picture they fill, and next to nothing
-lies on the other side. Imports numpy only.
+lies on the other side. Imports numpy and numba only.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
+from revnm_server.lift_kernels import votes
 from revnm_server.order_statistics import median, quantiles
 
 _TOLERANCES = (0.02, 0.005)  # of the disparity's span, at the start
@@ -25,7 +26,6 @@ _ROUNDS = 10
 _SAMPLES = 700  # pixels that judge a guess
 _BINS = 12
 _LEVELS = (0.04, 0.2)  # quantiles of the disparity in a bin that may be floor
-_BELOW = -2.5  # tolerances: what is so far below the line speaks against it
 _LEAST_PIXELS = 60
 _LEAST_SHARE = 0.08
 _MOST_BELOW = 0.12
@@ -142,12 +142,9 @@ def _guesses(nearness: FloatArray, disparity: FloatArray) -> FloatArray:
 
 def _scores(
     lines: FloatArray, nearness: NDArray[np.float32], disparity: NDArray[np.float32], tolerance: float
-) -> FloatArray:
+) -> NDArray[np.int64]:
     """Return how many pixels lie on lines (G, 2), less those below, (G,)."""
-    scaled = (lines / tolerance).astype(np.float32)
-    rest = (disparity / np.float32(tolerance))[None, :] - scaled[:, :1] * nearness - scaled[:, 1:]  # (G, M)
-    vote = (np.abs(rest) < 2.0).astype(np.float32) - (rest < _BELOW)
-    return np.asarray(vote @ np.ones_like(nearness), dtype=np.float64)
+    return votes((lines / tolerance).astype(np.float32), nearness, disparity / np.float32(tolerance))
 
 
 def _refine(

@@ -2,7 +2,7 @@
 
 The grid lies in the camera's floor frame and covers what the camera usefully sees. Floor is looked up from every cell
 and obstacles are thrown into the cells they stand in, so that far away neither leaves gaps between pixel rows: what
-stands shows only its near side, and the floor behind it stays unseen. Imports numpy only.
+stands shows only its near side, and the floor behind it stays unseen. Imports numpy and numba only.
 """
 
 from __future__ import annotations
@@ -14,14 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
+from revnm_server.draw_kernels import Cells, Gaps, Picture, floor_evidence, obstacle_evidence, weighed
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.floor_view import FloorView, grid_from_picture
-from revnm_server.lift import FARTHEST_M, Kind, Lifted
+from revnm_server.lift import FARTHEST_M, Lifted
 from revnm_server.map_spread import SPREAD_SIGMAS, MapSpread
 from revnm_server.node_grid import NODE_STEP
-from revnm_server.obstacle_points import obstacle_points
+from revnm_server.observation import Image32
 
 _BoolGrid = NDArray[np.bool_]
+
+_PIECE = 0.7  # of a cell: points so close leave none out
+_LEVEL_SLACK = 1.5  # of the rows' distance on a level surface
+_SLANT = 4.0  # of the columns' distance on a surface across the view
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +108,9 @@ class FloorMapper:
         self._part = _within_reach(view, self.spec)  # all below is of these rows and columns alone
         self._middles = self.spec.middles_m()[self._part]
         self._shape = self._middles.shape[0], self._middles.shape[1]
-        self._outside = self._shape[0] * self._shape[1]  # the cell of what lies off them
+        corner, per_m = self._middles[0, 0].astype(np.float32), np.float32(1.0 / self.spec.cell_m)
+        self._cells = Cells(corner[0], corner[1], per_m, *self._shape)
+        self._gaps = _gaps(view)
         self._spread = MapSpread(view, self._middles, self.spec.cell_m, self.spec.most_spread_m)
         self._near, self._far, self._in_view = self._looked_up()
         self._floor_cell = self._floor_cells()
@@ -117,13 +124,15 @@ class FloorMapper:
             bodies: Robots whose places are known.
         """
         spec = self.spec
-        floor, free, floor_age = self._floor(lifted, age_s)
-        low, high, count, age_sum = self._obstacles(lifted, age_s)
-        logit = free + low + np.where(floor, 0.0, np.minimum(high, spec.overhead_logit))
-        probability = _probability(np.clip(logit, -spec.most_logit, spec.most_logit))
+        picture = Picture(lifted.kind, lifted.x_m, lifted.y_m, lifted.height_m, lifted.grade, age_s)
+        floor, graded, floor_age = floor_evidence(picture, self._floor_cell, self._near, self._far, self._in_view)
+        layers = obstacle_evidence(
+            self._cells, picture, self._gaps, _PIECE * spec.cell_m, spec.obstacle_logit, spec.overhead_m
+        )
+        logit, age = weighed(floor, graded, floor_age, layers, spec.floor_logit, spec.overhead_logit, spec.most_logit)
+        probability = _probability(logit)
         stands = np.where(logit > 0.0, probability, np.float32(0.0))
         spread = self._spread.spread(stands, lifted.line.nearness_sigma)
-        age = np.where(count > 0, age_sum / np.maximum(count, 1), floor_age).astype(np.float32)
         grid = spec.unknown()
         grid.obstacle[self._part] = np.maximum(probability, spread)
         grid.floor[self._part] = floor
@@ -132,47 +141,15 @@ class FloorMapper:
             take_out(grid, body)
         return grid
 
-    def _floor(self, lifted: Lifted, age_s: NDArray[np.float32]) -> tuple[_BoolGrid, FloatArray, FloatArray]:
-        """Return where floor is seen, log-odds, and age, each (Ny, Nx)."""
-        is_floor = (lifted.kind == Kind.FLOOR).ravel()
-        pixels = np.flatnonzero(is_floor)
-        cells = self._floor_cell[pixels]
-        grade = lifted.grade.ravel()
-        summed = np.bincount(cells, weights=grade[pixels], minlength=self._outside + 1)[:-1].reshape(self._shape)
-        looked_up = self._in_view & is_floor[self._near] & is_floor[self._far]
-        alone = np.where(looked_up, grade[self._near], np.float32(0.0))
-        total = np.where(summed < 0.0, summed, alone)
-        seen = looked_up | (summed < 0.0)
-        age = np.where(seen, age_s.ravel()[self._near], np.inf)
-        return seen, self.spec.floor_logit * total, age
-
-    def _obstacles(
-        self, lifted: Lifted, age_s: NDArray[np.float32]
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return log-odds of what is low and of what is high, pixels, and the sum of their ages, each (Ny, Nx)."""
-        points = obstacle_points(lifted, self._view, self.spec.cell_m)
-        cells = self._cells(points.x_m, points.y_m)
-        weight = self.spec.obstacle_logit * points.grade
-        overhead = points.height_m > self.spec.overhead_m
-        layers = (weight * ~overhead, weight * overhead, None, age_s.ravel()[points.pixel])
-        drawn = [np.bincount(cells, weights=each, minlength=self._outside + 1)[:-1] for each in layers]
-        low, high, count, age_sum = (each.astype(np.float64).reshape(self._shape) for each in drawn)
-        return low, high, count, age_sum
-
-    def _cells(self, x_m: NDArray[np.floating], y_m: NDArray[np.floating]) -> NDArray[np.intp]:
-        """Return the part's cells (M,) as one number each; what lies off it gets a number of its own."""
-        (rows, columns), (x0, y0), per_m = self._shape, self._middles[0, 0], np.float32(1.0 / self.spec.cell_m)
-        column = np.rint((x_m - np.float32(x0)) * per_m).astype(np.intp)
-        row = np.rint((y_m - np.float32(y0)) * per_m).astype(np.intp)
-        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        return np.asarray(np.where(inside, row * columns + column, self._outside))
-
-    def _floor_cells(self) -> NDArray[np.intp]:
-        """Return the cell (h·w,) of the floor at every pixel."""
+    def _floor_cells(self) -> NDArray[np.int64]:
+        """Return the cell (h, w) of the floor at every pixel, as one number; what lies off them gets its own."""
         below = self._view.nearness > 1e-3
         depth = 1.0 / np.where(below, self._view.nearness, np.float32(1e-3))
-        cells = self._cells((depth * self._view.ray_x).ravel(), (depth * self._view.ray_y).ravel())
-        return np.where(below.ravel(), cells, self._outside)
+        column = np.rint((depth * self._view.ray_x - self._cells.x_m) * self._cells.per_m).astype(np.int64)
+        row = np.rint((depth * self._view.ray_y - self._cells.y_m) * self._cells.per_m).astype(np.int64)
+        (rows, columns), off = self._shape, math.prod(self._shape)
+        inside = below & (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        return np.asarray(np.where(inside, row * columns + column, off))
 
     def _looked_up(self) -> tuple[NDArray[np.intp], NDArray[np.intp], _BoolGrid]:
         """Return the pixels (Ny, Nx), as one number each, before and behind each cell, and which cells are in view."""
@@ -186,6 +163,18 @@ class FloorMapper:
         row = np.clip(np.where(inside, row, 0.0), 0.0, height - 1.0)
         nearer, farther = np.ceil(row).astype(np.intp), np.floor(row).astype(np.intp)
         return nearer * width + column, farther * width + column, inside
+
+
+def _gaps(view: FloorView) -> Gaps:
+    """Return how far neighbours on one surface are apart.
+
+    On a level surface the place is proportional to z, and z to 1 / nearness: one row changes it by Δnearness /
+    nearness of itself.
+    """
+    ray = np.maximum(np.maximum(np.abs(view.ray_x), np.abs(view.ray_y)), np.float32(1e-3))
+    across = np.float32(_SLANT * view.camera.size_px[0] / view.hw[1] / view.camera.focal_px)
+    per_row = np.float32(np.abs(np.diff(view.nearness, axis=0)).max())
+    return Gaps(ray, across, np.maximum(view.nearness, np.float32(1e-2)), np.float32(_LEVEL_SLACK) * per_row)
 
 
 def _within_reach(view: FloorView, spec: MapSpec) -> tuple[slice, slice]:
@@ -204,8 +193,8 @@ def _within_reach(view: FloorView, spec: MapSpec) -> tuple[slice, slice]:
     return found[0], found[1]
 
 
-def _probability(logit: FloatArray) -> NDArray[np.float32]:
-    return np.asarray(1.0 / (1.0 + np.exp(-logit.astype(np.float32))), dtype=np.float32)
+def _probability(logit: Image32) -> Image32:
+    return np.asarray(np.float32(1.0) / (np.float32(1.0) + np.exp(-logit)))
 
 
 def take_out(grid: FloorGrid, body: Body) -> None:

@@ -3,7 +3,7 @@
 The floor fixes scale and shift (:mod:`revnm_server.floor_fit`). With z the depth of a pixel along the view and
 ``nearness`` the inverse depth of the floor at it: height over the floor = camera height · (1 − z · nearness), place =
 z · ray. The floor's line hides errors of pitch, focal length and camera height from this test of floor or not: they
-displace what is seen, but make no obstacles. Imports numpy and OpenCV only.
+displace what is seen, but make no obstacles. Imports numpy and numba only.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from revnm_server.floor_bend import Bend, CosineField, fit_bend
 from revnm_server.floor_fit import FloorLine, fit_floor
 from revnm_server.floor_view import FloorView
+from revnm_server.lift_kernels import slopes
 from revnm_server.observation import Image32
 
 FARTHEST_M = 16.0
@@ -28,7 +28,6 @@ _LEAST_NEARNESS = 1e-3
 _STEEP_ACROSS = np.float32(1.0)  # steps that may be a ramp, of the floor's nearness from row to row
 _STEEP_DOWN = np.float32(2.0)
 _NOISE_STEP = 4.0  # standard deviations
-_EVEN = np.float32(0.25)  # of a step, by which it may differ from the next on a plane, by noise
 
 
 class Kind(IntEnum):
@@ -115,6 +114,7 @@ class FloorLifter:
             disparity: (h, w), larger is nearer, any scale and shift.
             usable: (h, w), where it was measured and is not clipped.
         """
+        disparity = np.ascontiguousarray(disparity, dtype=np.float32)
         chosen = usable[self._sample]
         nearness, floor = self._sample_nearness[chosen], disparity[self._sample][chosen].astype(np.float64)
         line = fit_floor(nearness, floor, self._line)
@@ -129,7 +129,9 @@ class FloorLifter:
         view, spec, line = self.view, self._spec, bend.line
         straight = disparity - self._cosines.image(bend.weights)
         nearness = (straight - np.float32(line.shift)) * np.float32(1.0 / line.scale)
-        usable = usable & ~_ramp(nearness, self._floor_step, np.float32(_NOISE_STEP * line.nearness_sigma))
+        noise_step = np.float32(_NOISE_STEP * line.nearness_sigma)
+        across, down = (max(steep * self._floor_step, noise_step) for steep in (_STEEP_ACROSS, _STEEP_DOWN))
+        usable = usable & ~slopes(nearness, across, down)
         in_range = usable & (nearness > 1.0 / FARTHEST_M)
         depth = 1.0 / np.maximum(nearness, np.float32(_LEAST_NEARNESS))
         height = self._height * (1.0 - depth * view.nearness)
@@ -150,26 +152,3 @@ class FloorLifter:
         tolerance = np.maximum(np.float32(self._spec.sigmas) * sigma, np.float32(self._spec.tolerance_m))
         # Over the horizon nothing is floor, and every height is more than the camera's.
         return np.where(self.view.nearness > _LEAST_NEARNESS, tolerance, np.float32(self._spec.tolerance_m))
-
-
-def _ramp(nearness: Image32, floor_step: np.float32, noise_step: np.float32) -> NDArray[np.bool_]:
-    """Return the pixels (h, w) on the slope of a softened edge: they lie on neither of its surfaces.
-
-    A slope goes on in one direction for two steps, which sharp edges and thin things do not, and changes from step to
-    step, which planes do not that stretch along the view. Steps that noise can make are none.
-    """
-    found = np.zeros(nearness.shape, dtype=np.bool_)
-    across, down = np.diff(nearness, axis=1), np.diff(nearness, axis=0)
-    found[:, 1:-1] = _curved(across[:, :-1], across[:, 1:], max(_STEEP_ACROSS * floor_step, noise_step), (1, 3))
-    found[1:-1] |= _curved(down[:-1], down[1:], max(_STEEP_DOWN * floor_step, noise_step), (3, 1))
-    return found
-
-
-def _curved(before: Image32, after: Image32, least: np.float32, run: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return where two steps are steep the same way, and not part of a run of equal ones."""
-    steep = np.minimum(np.abs(before), np.abs(after)) > least
-    steep &= before * after > 0.0
-    bend = np.abs(after - before)
-    plane = bend < _EVEN * np.maximum(np.abs(after), np.abs(before))
-    plane = cv2.morphologyEx(plane.view(np.uint8), cv2.MORPH_OPEN, np.ones(run, dtype=np.uint8))
-    return steep & ~plane.view(np.bool_)

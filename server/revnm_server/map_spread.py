@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
+from revnm_server.draw_kernels import spread_along
 from revnm_server.floor_view import FloorView, place_jacobian, root
 from revnm_server.node_grid import NodeGrid
 from revnm_server.observation import Image32
@@ -40,7 +40,7 @@ class MapSpread:
         self._calibration_m = _calibration_sigma(view, middles_m)
         self._per_nearness = _per_nearness(view, middles_m)
         self._prepared_for = 0.0
-        self._weights: list[tuple[list[Image32], int]] = []
+        self._weights: dict[int, Image32] = {}
 
     def spread(self, probability: Image32, nearness_sigma: float) -> Image32:
         """Return the spread probabilities (Ny, Nx).
@@ -53,51 +53,25 @@ class MapSpread:
         if not 1.0 / _HOLD <= noise / max(self._prepared_for, 1e-9) <= _HOLD:
             self._prepared_for = noise
             self._weights = self._prepare(noise)
-        reach = max((len(weights) for weights, _ in self._weights), default=0)
-        window = _around(probability > 0.0, reach)
-        part = probability[window]
-        for weights, axis in self._weights:
-            part = _dilate(part, [weight[window] for weight in weights], axis)
-        spread = probability.copy()
-        spread[window] = part
-        return spread
+        for axis, weights in self._weights.items():
+            probability = spread_along(probability, weights, axis == 0)
+        return probability
 
     def sigma_m(self, nearness_sigma: float) -> Image32:
         """Return the standard deviations (Ny, Nx, 2) along x and y, metres, unbounded."""
         return np.asarray(np.hypot(self._calibration_m, np.float32(nearness_sigma) * self._per_nearness))
 
-    def _prepare(self, nearness_sigma: float) -> list[tuple[list[Image32], int]]:
+    def _prepare(self, nearness_sigma: float) -> dict[int, Image32]:
+        """Return by axis what a cell gives to those 1 … D cells along it, (D, Ny, Nx)."""
         sigma = np.minimum(self.sigma_m(nearness_sigma), np.float32(self._most_m)) / np.float32(self._cell_m)  # cells
-        found = []
+        found = {}
         for axis, along in ((1, 0), (0, 1)):
             own = np.maximum(sigma[..., along], np.float32(1e-3))
             precision = np.float32(-0.5) / np.square(own)
             farthest = np.float32(SPREAD_SIGMAS) * own
-            distances = range(1, math.ceil(farthest.max()))
-            weights = [np.exp(np.float32(d * d) * precision) * (d < farthest) for d in distances]
-            found.append((weights, axis))
+            distances = np.arange(1, math.ceil(farthest.max()), dtype=np.float32)[:, None, None]
+            found[axis] = np.exp(np.square(distances) * precision) * (distances < farthest)
         return found
-
-
-def _around(filled: NDArray[np.bool_], reach: int) -> tuple[slice, slice]:
-    """Return the rows and columns that hold all filled cells, and so many more on each side."""
-    held = [np.flatnonzero(filled.any(axis=axis)) for axis in (1, 0)]
-    if not len(held[0]):
-        return slice(0), slice(0)
-    rows, columns = (slice(max(0, int(each[0]) - reach), int(each[-1]) + reach + 1) for each in held)
-    return rows, columns
-
-
-def _dilate(probability: Image32, weights: list[Image32], axis: int) -> Image32:
-    """Return the greatest (Ny, Nx) of a cell and its weighted neighbours along an axis; weights are the neighbours'."""
-    result = probability.copy()
-    source = np.moveaxis(probability, axis, 0)
-    target = np.moveaxis(result, axis, 0)
-    for distance, weight in enumerate(weights, start=1):
-        moved = source * np.moveaxis(weight, axis, 0)
-        np.maximum(target[distance:], moved[:-distance], out=target[distance:])
-        np.maximum(target[:-distance], moved[distance:], out=target[:-distance])
-    return result
 
 
 def _calibration_sigma(view: FloorView, middles_m: FloatArray) -> Image32:
