@@ -1,19 +1,19 @@
 """Looks for the cheapest way over the floor from a robot to a goal, or to the reachable place nearest to it.
 
-Imports numpy, scipy and OpenCV only.
+Imports numpy, scipy, OpenCV and numba only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
+from revnm_server.cost_kernels import open_window, squares
 from revnm_server.floor_graph import FAR, Cell, FloorGraph
 from revnm_server.travel_cost import TravelCost
 from revnm_server.way_smoothing import smooth
@@ -81,10 +81,13 @@ class Found:
 
 def impassable(cost: TravelCost, robot_m: FloatArray, goal_m: FloatArray, settings: SearchSettings) -> BoolArray:
     """Return the cells (Ny, Nx) that no way may enter; never the robot's own."""
-    from_robot, from_goal = _distance_m(cost, robot_m), _distance_m(cost, goal_m)
+    closed = cost.sure_m <= settings.impassable_m
+    near = np.argwhere(closed)
+    middles_m = cost.grid.points_m(near.astype(np.float64))
+    from_robot, from_goal = (np.hypot(*(middles_m - end_m).T) for end_m in (robot_m, goal_m))
     lenient = np.minimum(from_robot, from_goal) <= settings.lenient_m
-    closed = (cost.sure_m <= settings.impassable_m) & ~(lenient & (cost.sure_m > 0.0))
-    closed &= from_robot > settings.footprint_m
+    open_ = (lenient & (cost.sure_m[closed] > 0.0)) | (from_robot <= settings.footprint_m)
+    closed[tuple(near[open_].T)] = False
     closed[_cell(cost, robot_m)] = False
     return np.asarray(closed)
 
@@ -117,9 +120,8 @@ class FloorSearch:
     def _nearest(self, cost: TravelCost, reachable: BoolArray, goal_m: FloatArray) -> Cell:
         """Return the reachable cell nearest to the goal; if there is one, one on which the robot fits."""
         roomy = reachable & (cost.sure_m > self._settings.footprint_m)
-        choice = roomy if roomy.any() else reachable
-        from_goal = np.where(choice, _distance_m(cost, goal_m), np.inf)
-        row, column = np.unravel_index(int(np.argmin(from_goal)), from_goal.shape)
+        choice = np.argwhere(roomy if roomy.any() else reachable)
+        row, column = choice[np.argmin(np.hypot(*(choice - cost.grid.cells(goal_m)).T))]
         return int(row), int(column)
 
     def _way(self, task: Task, entry: Cell, end_m: FloatArray) -> FloatArray:
@@ -136,21 +138,16 @@ class FloorSearch:
         A metre costs at least 1, so that a way of a likely cost stays in an ellipse about its ends: that is searched
         first, and the whole floor only if the way turns out to be dearer.
         """
-        weights = np.where(task.closed, np.inf, task.cost.per_m.astype(np.float64))
         start = _cell(task.cost, task.robot_m)
         likely = task.likely / task.cost.grid.cell_m
-        within = _from_cell(weights, start) + _from_cell(weights, entry) <= likely
-        cells = self._cheapest(np.where(within, weights, np.inf), start, entry, limit=likely)
+        cells = self._cheapest(task, start, entry, likely)
         if cells is None:
-            cells = self._cheapest(weights, start, entry)
+            cells = self._cheapest(task, start, entry, FAR)
         return np.array([start]) if cells is None else cells  # both lie off the map, where a corridor has no cells
 
-    def _cheapest(
-        self, weights: FloatArray, start: Cell, entry: Cell, *, limit: float = FAR
-    ) -> NDArray[np.int64] | None:
+    def _cheapest(self, task: Task, start: Cell, entry: Cell, limit: float) -> NDArray[np.int64] | None:
         """Return the cheapest way's cells (P, 2); None if it costs more than a limit. Only open cells are looked at."""
-        window = _open(weights, (start, entry))
-        part, corner = weights[window], (window[0].start, window[1].start)
+        part, *corner = open_window(task.cost.per_m, task.closed, start, entry, limit, _STEP)
         graph = self._graphs.pop(part.shape, None) or FloorGraph((part.shape[0], part.shape[1]))
         self._graphs[part.shape] = graph
         if len(self._graphs) > _GRAPHS:
@@ -162,13 +159,11 @@ class FloorSearch:
 
 def corridor(way_m: FloatArray, cost: TravelCost, width_m: float) -> BoolArray:
     """Return the cells (Ny, Nx) that are no farther than a width from a way (P, 2) whose points are close."""
-    off = np.ones(cost.per_m.shape, dtype=np.uint8)
+    on = np.zeros(cost.per_m.shape, dtype=np.bool_)
     rows, columns = _inner_cells(way_m, cost)
-    off[rows, columns] = 0
-    if off.all():
-        return np.zeros(off.shape, dtype=np.bool_)
-    distance = cv2.distanceTransform(off, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(distance * cost.grid.cell_m <= width_m)
+    on[rows, columns] = True
+    width = width_m / cost.grid.cell_m + 1e-6  # cells; a middle just so far belongs to it
+    return np.asarray(squares(on, math.ceil(width)) <= width * width)
 
 
 def crosses(way_m: FloatArray, closed: BoolArray, cost: TravelCost) -> bool:
@@ -184,34 +179,11 @@ def _inner_cells(way_m: FloatArray, cost: TravelCost) -> tuple[NDArray[np.int64]
     return cells[inside, 0], cells[inside, 1]
 
 
-def _open(weights: FloatArray, cells: Sequence[Cell]) -> tuple[slice, slice]:
-    """Return the rows and columns that hold all finite weights (Ny, Nx) and some cells; in steps, as far as they go."""
-    finite = np.isfinite(weights)
-    window = []
-    for axis, size in enumerate(weights.shape):
-        held = np.append(np.flatnonzero(finite.any(axis=1 - axis)), [cell[axis] for cell in cells])
-        first, last = int(held.min()), int(held.max())
-        window.append(slice(first // _STEP * _STEP, min(size, (last // _STEP + 1) * _STEP)))
-    return window[0], window[1]
-
-
 def _connected(closed: BoolArray, start: Cell) -> BoolArray:
     """Return the cells (Ny, Nx) that can be reached from one; not over the corners of closed ones."""
     free = np.logical_not(closed).view(np.uint8)
     labels = cv2.connectedComponents(free, connectivity=4)[1]
     return np.asarray(labels == labels[start])
-
-
-def _distance_m(cost: TravelCost, point_m: FloatArray) -> FloatArray:
-    """Return the distance (Ny, Nx) of the cells' middles to a point (2,), metres."""
-    row, column = cost.grid.cells(point_m)
-    return _from_cell(cost.per_m, (row, column)) * cost.grid.cell_m
-
-
-def _from_cell(layer: NDArray[Any], cell: tuple[float, float]) -> FloatArray:
-    """Return the distance (Ny, Nx), in cells, of each cell of a layer to one (row, column)."""
-    rows, columns = layer.shape
-    return np.asarray(np.hypot(np.arange(rows)[:, None] - cell[0], np.arange(columns) - cell[1]))
 
 
 def _cell(cost: TravelCost, point_m: FloatArray) -> Cell:

@@ -3,7 +3,7 @@
 Around what surely stands there the costs are those of Nav2's inflation layer (``nav2_costmap_2d``,
 ``inflation_layer.hpp``), scaled as NavFn does (``navfn.hpp``: neutral cost 50, factor 0.8) and in units of a metre of
 free floor. They are graded by probability: obstacles are cut out at several thresholds, and each cut brings its share.
-Imports numpy and OpenCV only.
+Imports numpy, OpenCV and numba only.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
+from revnm_server.cost_kernels import add_nearness, squares
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.observation import Image32
 
@@ -59,7 +60,8 @@ class TravelCost:
     Attributes:
         grid: What it was made from.
         per_m: (Ny, Nx) float32, cost of a metre there, in metres of free floor that was just seen; finite everywhere.
-        sure_m: (Ny, Nx) float32, distance to the nearest sure obstacle, 0 in it, metres, between middles of cells.
+        sure_m: (Ny, Nx) float32, distance to the nearest sure obstacle, 0 in it, metres, between middles of cells; inf
+            where that is beyond the reach of what obstacles cost.
         outside: Cost of a metre outside of the grid.
     """
 
@@ -94,22 +96,23 @@ def travel_cost(grid: FloorGrid, settings: CostSettings) -> TravelCost:
     doubt = np.minimum(2.0 * grid.obstacle, 1.0)  # 1 where nothing is known
     unseen = 1.0 + (settings.unseen - 1.0) * doubt
     per_m = np.where(grid.floor, 1.0 + settings.aged * age, unseen).astype(np.float32)
-    away_m = {cut: _distance_m(grid.obstacle >= cut, grid.cell_m) for cut in {*settings.cuts, settings.sure}}
-    for cut, share in zip(settings.cuts, settings.shares, strict=True):
-        per_m += np.float32(share) * _nearness(away_m[cut], settings)
-    return TravelCost(grid, per_m, away_m[settings.sure], settings.unseen)
+    reach = math.ceil(settings.inflation_m / grid.cell_m)
+    away_m = _lengths_m(reach, grid.cell_m)
+    nearness = np.append(_nearness(away_m[:-1], settings), np.float32(0.0))
+    prices = np.array(settings.shares, dtype=np.float32)[:, None] * nearness
+    obstacle = np.ascontiguousarray(grid.obstacle)
+    add_nearness(per_m, obstacle, np.array(settings.cuts, dtype=np.float32), prices, reach)
+    sure_m = away_m[squares(obstacle >= settings.sure, reach)]
+    return TravelCost(grid, per_m, sure_m, settings.unseen)
 
 
-def _distance_m(stands: NDArray[np.bool_], cell_m: float) -> Image32:
-    """Return the distance (Ny, Nx) to the nearest cell where something stands; inf where nothing does at all."""
-    if not stands.any():
-        return np.full(stands.shape, np.inf, dtype=np.float32)
-    free = np.logical_not(stands).view(np.uint8)
-    distance = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(distance * np.float32(cell_m))
+def _lengths_m(reach: int, cell_m: float) -> NDArray[np.float32]:
+    """Return the distances (reach² + 2,) by their squares in cells; the last one, beyond the reach, is inf."""
+    lengths = np.sqrt(np.arange(reach * reach + 1, dtype=np.float32)) * np.float32(cell_m)
+    return np.append(lengths, np.float32(np.inf))
 
 
-def _nearness(distance_m: Image32, settings: CostSettings) -> Image32:
+def _nearness(distance_m: NDArray[np.float32], settings: CostSettings) -> NDArray[np.float32]:
     """Return what an obstacle at a distance adds to the cost of a metre."""
     decay, inscribed = settings.decay_per_m, settings.inscribed_m
     rim = math.exp(-decay * (settings.inflation_m - inscribed))

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from revnm_server.cost_kernels import open_window, squares
 from revnm_server.draw_kernels import spread_along
 from revnm_server.lift_kernels import slopes, votes
 
@@ -55,3 +56,34 @@ def test_each_cell_takes_the_most_that_a_neighbour_gives(axis: int) -> None:
                     given = probability[row, column] * weights[distance - 1, row, column]
                     expected[tuple(to)] = max(expected[tuple(to)], given)
     np.testing.assert_array_equal(spread_along(probability, weights, axis == 0), expected)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.003, 0.3])
+@pytest.mark.parametrize("shape", [(31, 44), (3, 50), (50, 2)])
+def test_distances_are_those_to_the_nearest_cell_up_to_the_reach(shape: tuple[int, int], share: float) -> None:
+    stands = RNG.random(shape) < share
+    exact = np.full(shape, np.inf)
+    for cell in np.argwhere(stands):
+        exact = np.minimum(exact, np.square(np.indices(shape) - cell[:, None, None]).sum(axis=0))
+    np.testing.assert_array_equal(squares(stands, 6), np.where(exact <= 36, exact, 37))
+
+
+@pytest.mark.parametrize("likely", [0.0, 25.0, np.inf])
+def test_a_search_looks_at_the_open_cells_of_an_ellipse_in_whole_steps(likely: float) -> None:
+    shape, start, entry = (45, 64), (11, 13), (22, 30)
+    per_m, closed = RNG.random(shape).astype(np.float32), RNG.random(shape) < 0.4
+    closed[:, 50:] = True
+    rows, columns = np.indices(shape)
+    apart = sum(np.hypot(rows - row, columns - column) for row, column in (start, entry))
+    expected = np.where(closed | (apart > likely), np.inf, per_m)
+    weights, top, left = open_window(per_m, closed, start, entry, likely, 10)
+    assert (top % 10, left % 10) == (0, 0)
+    outside = expected.copy()
+    outside[top : top + weights.shape[0], left : left + weights.shape[1]] = np.inf
+    assert np.isinf(outside).all()
+    np.testing.assert_array_equal(weights, expected[top : top + weights.shape[0], left : left + weights.shape[1]])
+    held = [*np.argwhere(np.isfinite(expected)).tolist(), start, entry]
+    for axis, first in enumerate((top, left)):
+        cells = [cell[axis] for cell in held]
+        assert first == min(cells) // 10 * 10
+        assert first + weights.shape[axis] == min(shape[axis], (max(cells) // 10 + 1) * 10)
