@@ -14,7 +14,6 @@ from typing import Any
 import zenoh
 
 from revnm_client.errors import ConfigError, RevnmError
-from revnm_server.app import running_server
 from revnm_server.settings import load_settings
 
 
@@ -52,6 +51,8 @@ def _parser() -> argparse.ArgumentParser:
 
 def _serve(options: argparse.Namespace) -> int:
     settings = load_settings(options.config, overrides=_overrides(options))
+    from revnm_server.app import running_server  # may compile for seconds: after what could be wrong with the settings
+
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())

@@ -12,14 +12,14 @@ from numba import float64, int32, int64
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
-from revnm_server.compiled import FLOATS, IMAGE, LINE, MASK, compiled, several
+from revnm_server.compiled import FLOATS, IMAGE, LINE, MASK, compiled, tuple_of
 from revnm_server.observation import Image32
 
 Squares = NDArray[np.int32]
 BoolArray = NDArray[np.bool_]
 
 _SQUARES = int32[:, ::1]
-_CELL = several(int64, int64)
+_CELL = tuple_of(int64, int64)
 
 
 @compiled(_SQUARES, MASK, int64)
@@ -59,14 +59,14 @@ def squares(stands: BoolArray, reach: int) -> Squares:
 
 @compiled(None, IMAGE, IMAGE, LINE, IMAGE, int64)
 def add_nearness(per_m: Image32, obstacle: Image32, cuts: NDArray[np.float32], prices: Image32, reach: int) -> None:
-    """Add to the cost (Ny, Nx) of the cells what obstacles near to them add.
+    """Make cells near to obstacles dearer, in place.
 
     Args:
-        per_m: Takes it.
+        per_m: (Ny, Nx) cost of a metre.
         obstacle: (Ny, Nx) probability.
-        cuts: (C,) an obstacle is what is as likely.
-        prices: (C, reach² + 2) what it adds, by the squared distance in cells.
-        reach: In cells.
+        cuts: (C,): at each, what is at least so likely counts as an obstacle.
+        prices: (C, reach² + 2): what the nearest one then adds, by its squared distance in cells.
+        reach: Cells, beyond which it adds nothing.
     """
     for cut in range(len(cuts)):
         stands = obstacle >= cuts[cut]
@@ -86,7 +86,7 @@ def _between(row: int, column: int, start: tuple[int, int], entry: tuple[int, in
     )
 
 
-@compiled(several(FLOATS, int64, int64), IMAGE, MASK, _CELL, _CELL, float64, int64)
+@compiled(tuple_of(FLOATS, int64, int64), IMAGE, MASK, _CELL, _CELL, float64, int64)
 def open_window(
     per_m: Image32, closed: BoolArray, start: tuple[int, int], entry: tuple[int, int], likely: float, step: int
 ) -> tuple[FloatArray, int, int]:

@@ -1,6 +1,6 @@
 """The static camera's memory: what the picture shows where nothing moves.
 
-Works on disparities of unknown scale and shift, so it needs no calibration. Imports numpy and numba only.
+Works on disparities of unknown scale and shift, so it needs no calibration.
 
 The rule. A pixel that agrees with its background is averaged into it. One that does not agree is shown as it is, at
 once; if it then stays the same for ``settle_s``, it becomes the background. So a thing that appears is there with the
@@ -21,6 +21,7 @@ from revnm_client.geometry import FloatArray
 from revnm_server.memory_kernels import Background, learnt
 from revnm_server.observation import Image32
 from revnm_server.order_statistics import median, quantiles
+from revnm_server.stage_checks import check_shape
 
 _STRIDE = 6
 _ROUNDS = 5
@@ -103,7 +104,12 @@ class DisparityMemory:
             disparity: (h, w), larger is nearer, of any scale and shift, another in every picture.
             robots: (h, w), where robots are.
             stamp_s: Capture time; must not go back.
+
+        Raises:
+            ContractError: One of them is of another size.
         """
+        check_shape("disparity", disparity, self._hw)
+        check_shape("robots", robots, self._hw)
         disparity = np.ascontiguousarray(disparity, dtype=np.float32)
         seen, cut = ~robots, clipped(disparity)
         fit = self._align(disparity, seen & ~cut)

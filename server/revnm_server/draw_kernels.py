@@ -13,7 +13,7 @@ from numba import boolean, float32, float64, int64, uint8
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
-from revnm_server.compiled import FLOATS, IMAGE, MASK, NUMBERS, compiled, named, several
+from revnm_server.compiled import FLOATS, IMAGE, MASK, NUMBERS, compiled, named_tuple_of, tuple_of
 from revnm_server.observation import Image32
 
 FLOOR, OBSTACLE = 1, 2
@@ -78,13 +78,13 @@ class Cells(NamedTuple):
     columns: int
 
 
-_PICTURE = named(Picture, uint8[:, ::1], IMAGE, IMAGE, IMAGE, IMAGE, IMAGE)
-_GAPS = named(Gaps, IMAGE, float32, IMAGE, float32)
-_CELLS = named(Cells, float32, float32, float32, int64, int64)
+_PICTURE = named_tuple_of(Picture, uint8[:, ::1], IMAGE, IMAGE, IMAGE, IMAGE, IMAGE)
+_GAPS = named_tuple_of(Gaps, IMAGE, float32, IMAGE, float32)
+_CELLS = named_tuple_of(Cells, float32, float32, float32, int64, int64)
 _LAYERS = float64[:, :, ::1]
 
 
-@compiled(several(MASK, FLOATS, IMAGE), _PICTURE, NUMBERS, NUMBERS, NUMBERS, MASK)
+@compiled(tuple_of(MASK, FLOATS, IMAGE), _PICTURE, NUMBERS, NUMBERS, NUMBERS, MASK)
 def floor_evidence(
     picture: Picture,
     cell: NDArray[np.int64],
@@ -126,12 +126,17 @@ def floor_evidence(
     return seen, total, since
 
 
-@compiled(int64, _CELLS, float32, float32)
-def _cell(cells: Cells, x_m: float, y_m: float) -> int:
-    """Return the cell of a point, as one number; −1 where it lies off them."""
+@compiled(None, FLOATS, _CELLS, float32, float32, boolean, float32, float32)
+def _add(
+    layers: FloatArray, cells: Cells, x_m: np.float32, y_m: np.float32, high: bool, weight: float, age_s: np.float32
+) -> None:
+    """Add a point to the layers (4, Ny · Nx), unless it lies off the cells."""
     column, row = int(np.rint((x_m - cells.x_m) * cells.per_m)), int(np.rint((y_m - cells.y_m) * cells.per_m))
-    inside = 0 <= column < cells.columns and 0 <= row < cells.rows
-    return row * cells.columns + column if inside else -1
+    if 0 <= column < cells.columns and 0 <= row < cells.rows:
+        cell = row * cells.columns + column
+        layers[int(high), cell] += weight
+        layers[2, cell] += 1.0
+        layers[3, cell] += age_s
 
 
 @compiled(None, FLOATS, _CELLS, _PICTURE, _GAPS, int64, float32, float32, float32)
@@ -168,12 +173,9 @@ def _join(
             share = np.float32(piece / pieces)
             at_x = x[first] + share * (x[second] - x[first])
             at_y = y[first] + share * (y[second] - y[first])
-            cell = _cell(cells, at_x, at_y)
-            if cell >= 0:
-                high = above[first] + share * (above[second] - above[first]) > overhead_m
-                layers[int(high), cell] += logit * (grade[first] + share * (grade[second] - grade[first]))
-                layers[2, cell] += 1.0
-                layers[3, cell] += age[first]
+            high = above[first] + share * (above[second] - above[first]) > overhead_m
+            sure = grade[first] + share * (grade[second] - grade[first])
+            _add(layers, cells, at_x, at_y, high, logit * sure, age[first])
 
 
 @compiled(_LAYERS, _CELLS, _PICTURE, _GAPS, float32, float32, float32)
@@ -199,17 +201,14 @@ def obstacle_evidence(
     height, grade, age = picture.height_m.ravel(), picture.grade.ravel(), picture.age_s.ravel()
     for pixel in range(len(kind)):
         if kind[pixel] == OBSTACLE:
-            cell = _cell(cells, x[pixel], y[pixel])
-            if cell >= 0:
-                layers[int(height[pixel] > overhead_m), cell] += logit * grade[pixel]
-                layers[2, cell] += 1.0
-                layers[3, cell] += age[pixel]
+            high = height[pixel] > overhead_m
+            _add(layers, cells, x[pixel], y[pixel], high, logit * grade[pixel], age[pixel])
     for step in (1, picture.kind.shape[1]):
         _join(layers, cells, picture, gaps, step, piece_m, logit, overhead_m)
     return layers.reshape((4, cells.rows, cells.columns))
 
 
-@compiled(several(IMAGE, IMAGE), MASK, FLOATS, IMAGE, _LAYERS, float64, float64, float64)
+@compiled(tuple_of(IMAGE, IMAGE), MASK, FLOATS, IMAGE, _LAYERS, float64, float64, float64)
 def weighed(
     seen: NDArray[np.bool_],
     graded: FloatArray,
@@ -243,7 +242,7 @@ def weighed(
 
 
 @compiled(IMAGE, IMAGE, float32[:, :, ::1], boolean)
-def spread_along(probability: Image32, weights: Image32, along_rows: bool) -> Image32:
+def spread_along(probability: Image32, weights: NDArray[np.float32], along_rows: bool) -> Image32:
     """Return the greatest (Ny, Nx) of each cell and of what its neighbours along an axis give.
 
     Args:

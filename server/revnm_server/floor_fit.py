@@ -2,7 +2,7 @@
 
 On the floor d = a · nearness + b, nearness = 1 / depth of the floor along the view. Whatever stands on the floor is
 nearer than it, so obstacles lie on one side of the line however much of the picture they fill, and next to nothing
-lies on the other side. Imports numpy and numba only.
+lies on the other side.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The grid lies in the camera's floor frame and covers what the camera usefully sees. Floor is looked up from every cell
 and obstacles are thrown into the cells they stand in, so that far away neither leaves gaps between pixel rows: what
-stands shows only its near side, and the floor behind it stays unseen. Imports numpy and numba only.
+stands shows only its near side, and the floor behind it stays unseen.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from revnm_server.lift import FARTHEST_M, Lifted
 from revnm_server.map_spread import SPREAD_SIGMAS, MapSpread
 from revnm_server.node_grid import NODE_STEP
 from revnm_server.observation import Image32
+from revnm_server.stage_checks import check_shape
 
 _BoolGrid = NDArray[np.bool_]
 
@@ -122,7 +123,12 @@ class FloorMapper:
             lifted: The picture.
             age_s: (h, w), time since each pixel was truly seen.
             bodies: Robots whose places are known.
+
+        Raises:
+            ContractError: The picture or the times are not of the view's size.
         """
+        check_shape("picture", lifted.kind, self._view.hw)
+        check_shape("age", age_s, self._view.hw)
         spec = self.spec
         picture = Picture(lifted.kind, lifted.x_m, lifted.y_m, lifted.height_m, lifted.grade, age_s)
         floor, graded, floor_age = floor_evidence(picture, self._floor_cell, self._near, self._far, self._in_view)
@@ -168,8 +174,8 @@ class FloorMapper:
 def _gaps(view: FloorView) -> Gaps:
     """Return how far neighbours on one surface are apart.
 
-    On a level surface the place is proportional to z, and z to 1 / nearness: one row changes it by Δnearness /
-    nearness of itself.
+    Across the view, columns lie apart in proportion to z. On a level surface the place is proportional to z, and z to
+    1 / nearness: one row changes it by Δnearness / nearness of itself.
     """
     ray = np.maximum(np.maximum(np.abs(view.ray_x), np.abs(view.ray_y)), np.float32(1e-3))
     across = np.float32(_SLANT * view.camera.size_px[0] / view.hw[1] / view.camera.focal_px)

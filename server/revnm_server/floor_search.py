@@ -1,7 +1,4 @@
-"""Looks for the cheapest way over the floor from a robot to a goal, or to the reachable place nearest to it.
-
-Imports numpy, scipy, OpenCV and numba only.
-"""
+"""Looks for the cheapest way over the floor from a robot to a goal, or to the reachable place nearest to it."""
 
 from __future__ import annotations
 
@@ -21,6 +18,7 @@ from revnm_server.way_smoothing import smooth
 BoolArray = NDArray[np.bool_]
 
 _GRAPHS = 4  # of about an ellipse, a corridor and the whole floor, for one robot
+_JUST = 1e-6  # cells: a middle just so far away belongs to a corridor
 _STEP = 20  # cells: the shapes that are searched are few
 
 
@@ -162,7 +160,7 @@ def corridor(way_m: FloatArray, cost: TravelCost, width_m: float) -> BoolArray:
     on = np.zeros(cost.per_m.shape, dtype=np.bool_)
     rows, columns = _inner_cells(way_m, cost)
     on[rows, columns] = True
-    width = width_m / cost.grid.cell_m + 1e-6  # cells; a middle just so far belongs to it
+    width = width_m / cost.grid.cell_m + _JUST  # cells
     return np.asarray(squares(on, math.ceil(width)) <= width * width)
 
 

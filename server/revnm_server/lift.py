@@ -3,7 +3,7 @@
 The floor fixes scale and shift (:mod:`revnm_server.floor_fit`). With z the depth of a pixel along the view and
 ``nearness`` the inverse depth of the floor at it: height over the floor = camera height · (1 − z · nearness), place =
 z · ray. The floor's line hides errors of pitch, focal length and camera height from this test of floor or not: they
-displace what is seen, but make no obstacles. Imports numpy and numba only.
+displace what is seen, but make no obstacles.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from revnm_server.floor_fit import FloorLine, fit_floor
 from revnm_server.floor_view import FloorView
 from revnm_server.lift_kernels import slopes
 from revnm_server.observation import Image32
+from revnm_server.stage_checks import check_shape
 
 FARTHEST_M = 16.0
 """Depth along the view beyond which nothing is said."""
@@ -113,7 +114,12 @@ class FloorLifter:
         Args:
             disparity: (h, w), larger is nearer, any scale and shift.
             usable: (h, w), where it was measured and is not clipped.
+
+        Raises:
+            ContractError: One of them is not of the view's size.
         """
+        check_shape("disparity", disparity, self.view.hw)
+        check_shape("usable", usable, self.view.hw)
         disparity = np.ascontiguousarray(disparity, dtype=np.float32)
         chosen = usable[self._sample]
         nearness, floor = self._sample_nearness[chosen], disparity[self._sample][chosen].astype(np.float64)

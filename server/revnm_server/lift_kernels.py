@@ -1,6 +1,6 @@
 """Compiled loops over the pixels of a picture that is lifted, and over the guesses where its floor is.
 
-Numbers are float32 throughout, as the pictures are.
+Numbers are float32, as the pictures are.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Plans on what is known of the floor: a way to the goal that stays the same while the map flickers, and waypoints.
-
-Imports numpy, scipy and OpenCV only.
-"""
+"""Plans on what is known of the floor: a way to the goal that stays the same while the map flickers, and waypoints."""
 
 from __future__ import annotations
 
@@ -35,6 +32,9 @@ class PlannerSettings:
         cost: What driving costs.
         search: What is a way at all.
         keep: How firmly a way is kept.
+
+    Raises:
+        ValueError: The search asks for distances to obstacles beyond those that the cost knows.
     """
 
     waypoints: int = 5
@@ -43,6 +43,10 @@ class PlannerSettings:
     cost: CostSettings = field(default_factory=CostSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     keep: KeepSettings = field(default_factory=KeepSettings)
+
+    def __post_init__(self) -> None:
+        if max(self.search.impassable_m, self.search.footprint_m) > self.cost.inflation_m:
+            raise ValueError("nothing is known of how far obstacles are beyond the cost's inflation_m")
 
 
 @dataclass(frozen=True, slots=True)

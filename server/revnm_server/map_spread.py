@@ -2,7 +2,7 @@
 
 What stands at a cell may stand at another with a standard deviation that the calibration's covariance and the noise of
 the depth give. A cell's probability becomes the greatest of its neighbours', each less by the Gaussian of its distance
-in its own standard deviations; apart along x and y, so that it costs little. Imports numpy and OpenCV only.
+in its own standard deviations; apart along x and y, so that it costs little.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
 from revnm_server.draw_kernels import spread_along
@@ -40,7 +41,7 @@ class MapSpread:
         self._calibration_m = _calibration_sigma(view, middles_m)
         self._per_nearness = _per_nearness(view, middles_m)
         self._prepared_for = 0.0
-        self._weights: dict[int, Image32] = {}
+        self._weights: dict[int, NDArray[np.float32]] = {}
 
     def spread(self, probability: Image32, nearness_sigma: float) -> Image32:
         """Return the spread probabilities (Ny, Nx).
@@ -61,7 +62,7 @@ class MapSpread:
         """Return the standard deviations (Ny, Nx, 2) along x and y, metres, unbounded."""
         return np.asarray(np.hypot(self._calibration_m, np.float32(nearness_sigma) * self._per_nearness))
 
-    def _prepare(self, nearness_sigma: float) -> dict[int, Image32]:
+    def _prepare(self, nearness_sigma: float) -> dict[int, NDArray[np.float32]]:
         """Return by axis what a cell gives to those 1 … D cells along it, (D, Ny, Nx)."""
         sigma = np.minimum(self.sigma_m(nearness_sigma), np.float32(self._most_m)) / np.float32(self._cell_m)  # cells
         found = {}

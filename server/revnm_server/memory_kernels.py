@@ -13,7 +13,7 @@ from numba import float32, float64
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
-from revnm_server.compiled import FLOATS, IMAGE, MASK, compiled, named, several
+from revnm_server.compiled import FLOATS, IMAGE, MASK, compiled, named_tuple_of, tuple_of
 from revnm_server.observation import Image32
 
 _BoolImage = NDArray[np.bool_]
@@ -41,8 +41,8 @@ class Background(NamedTuple):
     clipped: _BoolImage
 
 
-_BACKGROUND = named(Background, IMAGE, IMAGE, IMAGE, FLOATS, FLOATS, MASK)
-_SHOWN = several(IMAGE, MASK, IMAGE, MASK)
+_BACKGROUND = named_tuple_of(Background, IMAGE, IMAGE, IMAGE, FLOATS, FLOATS, MASK)
+_SHOWN = tuple_of(IMAGE, MASK, IMAGE, MASK)
 
 
 @compiled(_SHOWN, _BACKGROUND, IMAGE, MASK, MASK, float32, float32, float64, float64)

@@ -3,7 +3,6 @@
 Around what surely stands there the costs are those of Nav2's inflation layer (``nav2_costmap_2d``,
 ``inflation_layer.hpp``), scaled as NavFn does (``navfn.hpp``: neutral cost 50, factor 0.8) and in units of a metre of
 free floor. They are graded by probability: obstacles are cut out at several thresholds, and each cut brings its share.
-Imports numpy, OpenCV and numba only.
 """
 
 from __future__ import annotations
@@ -40,6 +39,9 @@ class CostSettings:
             the belief that nothing stands there.
         aged: Price added to a metre of floor that was seen long ago.
         aging_s: Time after which 63 % of that is added.
+
+    Raises:
+        ValueError: There are not as many cuts as shares.
     """
 
     inscribed_m: float = 0.22
@@ -51,6 +53,10 @@ class CostSettings:
     unseen: float = 3.0
     aged: float = 0.3
     aging_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        if len(self.cuts) != len(self.shares):
+            raise ValueError(f"{len(self.cuts)} cuts of obstacles, but {len(self.shares)} shares of their cost")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +105,9 @@ def travel_cost(grid: FloorGrid, settings: CostSettings) -> TravelCost:
     reach = math.ceil(settings.inflation_m / grid.cell_m)
     away_m = _lengths_m(reach, grid.cell_m)
     nearness = np.append(_nearness(away_m[:-1], settings), np.float32(0.0))
-    prices = np.array(settings.shares, dtype=np.float32)[:, None] * nearness
-    obstacle = np.ascontiguousarray(grid.obstacle)
-    add_nearness(per_m, obstacle, np.array(settings.cuts, dtype=np.float32), prices, reach)
+    cuts, shares = (np.array(each, dtype=np.float32) for each in (settings.cuts, settings.shares))
+    obstacle = np.ascontiguousarray(grid.obstacle, dtype=np.float32)
+    add_nearness(per_m, obstacle, cuts, shares[:, None] * nearness, reach)
     sure_m = away_m[squares(obstacle >= settings.sure, reach)]
     return TravelCost(grid, per_m, sure_m, settings.unseen)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from revnm_client.errors import ContractError
 from revnm_server.disparity_memory import DisparityMemory, clipped
 
 from .floor_scene import HW, box, disparity, everywhere, nowhere, wall
@@ -105,3 +106,11 @@ def test_a_picture_that_is_all_robot_changes_nothing():
     again = memory.update(EMPTY, nowhere(), 0.2)
     assert again.aligned
     np.testing.assert_allclose(again.disparity, EMPTY, atol=1e-4)
+
+
+@pytest.mark.parametrize(("of", "hw"), [("disparity", (HW[0] + 1, HW[1])), ("robots", (1, HW[1]))])
+def test_arrays_of_another_size_are_refused(of: str, hw: tuple[int, int]):
+    arrays = {"disparity": EMPTY, "robots": nowhere()}
+    arrays[of] = np.resize(arrays[of], hw)
+    with pytest.raises(ContractError, match=of):
+        DisparityMemory(HW).update(**arrays, stamp_s=0.0)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from revnm_client.errors import ContractError
 from revnm_client.geometry import Pose2
 from revnm_server import floor_map
 from revnm_server.floor_grid import FloorGrid
@@ -138,3 +139,11 @@ def test_the_cells_within_reach_are_all_that_anything_is_drawn_in(monkeypatch: p
     np.testing.assert_allclose(part.obstacle, whole.obstacle, atol=1e-6)
     np.testing.assert_array_equal(part.floor, whole.floor)
     np.testing.assert_array_equal(part.age_s, whole.age_s)
+
+
+def test_times_of_another_size_are_refused():
+    floor = view()
+    lifted = FloorLifter(floor).lift(disparity(wall(9.0)), everywhere())
+    assert isinstance(lifted, Lifted)
+    with pytest.raises(ContractError, match="age"):
+        FloorMapper(floor).draw(lifted, np.zeros((2, 2), dtype=np.float32))

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from revnm_client.errors import ContractError
 from revnm_server.floor_fit import FloorLine, fit_floor
 from revnm_server.floor_view import floor_view
 from revnm_server.lift import FloorLifter, Kind, Lifted, NoFloor
@@ -159,3 +160,10 @@ def test_softened_edges_leave_nothing_between_the_surfaces():
     obstacle = (soft.kind == Kind.OBSTACLE) & (np.abs(soft.y_m) < 0.2)
     between = obstacle & (soft.x_m > 3.6) & (soft.x_m < 8.5)  # the box ends at 3.25, the wall begins at 9
     assert between.sum() < 0.03 * obstacle.sum()
+
+
+def test_a_picture_of_another_size_is_refused():
+    lifter = FloorLifter(view())
+    for picture, usable in ((np.zeros((2, 2), np.float32), everywhere()), (disparity(wall(9.0)), everywhere()[:1])):
+        with pytest.raises(ContractError, match="shape expected"):
+            lifter.lift(picture, usable)

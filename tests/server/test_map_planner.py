@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
+from revnm_server.travel_cost import CostSettings
 from revnm_server.way import length_m
 
 from .floor_scenes import floor, unseen
@@ -107,3 +108,8 @@ def test_a_goal_outside_of_the_grid_is_approached_through_the_border():
     outside = plan(planner(), floor(12.0, 10.0), Pose2(-1.0, 5.0, 0.0))
     np.testing.assert_allclose(outside.way_m[[0, -1]], [[-1.0, 5.0], GOAL])
     assert length_m(outside.way_m) == pytest.approx(11.0, rel=0.01)
+
+
+def test_nothing_closes_farther_than_obstacles_are_known():
+    with pytest.raises(ValueError, match="inflation_m"):
+        planner(cost=CostSettings(inflation_m=0.15))

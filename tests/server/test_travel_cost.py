@@ -18,7 +18,9 @@ WALL = (4.0, 0.0, 4.1, 4.0)
 def test_near_a_sure_wall_the_cost_is_the_experts():
     cost = travel_cost(floor(8.0, 4.0, WALL), SETTINGS)
     away_m = np.arange(1, 30) * 0.1  # from the wall's column, 40, to the right
-    np.testing.assert_allclose(cost.sure_m[20, 41:70], np.where(away_m < 0.75, away_m, np.inf), rtol=1e-6)
+    np.testing.assert_allclose(
+        cost.sure_m[20, 41:70], np.where(away_m < SETTINGS.inflation_m + 0.01, away_m, np.inf), rtol=1e-6
+    )
     np.testing.assert_allclose(cost.per_m[20, 41:70], expert_cost(away_m), rtol=1e-4)
     assert cost.per_m[20, 40] == pytest.approx(
         602.0
@@ -32,6 +34,11 @@ def test_a_floor_without_obstacles_costs_its_price():
     assert cost.per_m[10, 5] == pytest.approx(1.0 + 0.3 * (1.0 - math.exp(-1.0)))
     assert cost.per_m[10, 25] == pytest.approx(3.0)
     assert np.isinf(cost.sure_m).all()
+
+
+def test_as_many_cuts_as_shares():
+    with pytest.raises(ValueError, match="2 cuts of obstacles, but 5 shares"):
+        replace(SETTINGS, cuts=(0.6, 0.9))
 
 
 def test_the_likelier_the_dearer():
