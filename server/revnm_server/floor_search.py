@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
-from revnm_server.cost_kernels import open_window, squares
+from revnm_client.mppi.distance_field import squared_distance
 from revnm_server.floor_graph import FAR, Cell, FloorGraph
+from revnm_server.search_kernels import open_window
 from revnm_server.travel_cost import TravelCost
 from revnm_server.way_smoothing import smooth
 
@@ -145,7 +146,8 @@ class FloorSearch:
 
     def _cheapest(self, task: Task, start: Cell, entry: Cell, limit: float) -> NDArray[np.int64] | None:
         """Return the cheapest way's cells (P, 2); None if it costs more than a limit. Only open cells are looked at."""
-        part, *corner = open_window(task.cost.per_m, task.closed, start, entry, limit, _STEP)
+        closed = np.ascontiguousarray(task.closed)
+        part, *corner = open_window(task.cost.per_m, closed, start, entry, limit, _STEP)
         graph = self._graphs.pop(part.shape, None) or FloorGraph((part.shape[0], part.shape[1]))
         self._graphs[part.shape] = graph
         if len(self._graphs) > _GRAPHS:
@@ -161,7 +163,7 @@ def corridor(way_m: FloatArray, cost: TravelCost, width_m: float) -> BoolArray:
     rows, columns = _inner_cells(way_m, cost)
     on[rows, columns] = True
     width = width_m / cost.grid.cell_m + _JUST  # cells
-    return np.asarray(squares(on, math.ceil(width)) <= width * width)
+    return np.asarray(squared_distance(on, math.ceil(width)) <= width * width)
 
 
 def crosses(way_m: FloatArray, closed: BoolArray, cost: TravelCost) -> bool:

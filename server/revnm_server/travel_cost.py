@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
-from revnm_server.cost_kernels import add_nearness, squares
+from revnm_client.mppi.distance_field import squared_distance
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.observation import Image32
 
@@ -39,9 +39,6 @@ class CostSettings:
             the belief that nothing stands there.
         aged: Price added to a metre of floor that was seen long ago.
         aging_s: Time after which 63 % of that is added.
-
-    Raises:
-        ValueError: There are not as many cuts as shares.
     """
 
     inscribed_m: float = 0.22
@@ -53,10 +50,6 @@ class CostSettings:
     unseen: float = 3.0
     aged: float = 0.3
     aging_s: float = 60.0
-
-    def __post_init__(self) -> None:
-        if len(self.cuts) != len(self.shares):
-            raise ValueError(f"{len(self.cuts)} cuts of obstacles, but {len(self.shares)} shares of their cost")
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,18 +97,18 @@ def travel_cost(grid: FloorGrid, settings: CostSettings) -> TravelCost:
     per_m = np.where(grid.floor, 1.0 + settings.aged * age, unseen).astype(np.float32)
     reach = math.ceil(settings.inflation_m / grid.cell_m)
     away_m = _lengths_m(reach, grid.cell_m)
-    nearness = np.append(_nearness(away_m[:-1], settings), np.float32(0.0))
-    cuts, shares = (np.array(each, dtype=np.float32) for each in (settings.cuts, settings.shares))
-    obstacle = np.ascontiguousarray(grid.obstacle, dtype=np.float32)
-    add_nearness(per_m, obstacle, cuts, shares[:, None] * nearness, reach)
-    sure_m = away_m[squares(obstacle >= settings.sure, reach)]
+    nearness = _nearness(away_m, settings)
+    for cut, share in zip(settings.cuts, settings.shares, strict=True):
+        per_m += (np.float32(share) * nearness)[squared_distance(grid.obstacle >= cut, reach)]
+    sure_m = away_m[squared_distance(grid.obstacle >= settings.sure, reach)]
     return TravelCost(grid, per_m, sure_m, settings.unseen)
 
 
 def _lengths_m(reach: int, cell_m: float) -> NDArray[np.float32]:
-    """Return the distances (reach² + 2,) by their squares in cells; the last one, beyond the reach, is inf."""
-    lengths = np.sqrt(np.arange(reach * reach + 1, dtype=np.float32)) * np.float32(cell_m)
-    return np.append(lengths, np.float32(np.inf))
+    """Return the distances ((reach + 1)² + 1,) by their squares in cells; inf beyond the reach."""
+    squares = np.arange((reach + 1) ** 2 + 1)
+    lengths = np.sqrt(squares.astype(np.float32)) * np.float32(cell_m)
+    return np.where(squares <= reach**2, lengths, np.float32(np.inf))
 
 
 def _nearness(distance_m: NDArray[np.float32], settings: CostSettings) -> NDArray[np.float32]:

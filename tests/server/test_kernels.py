@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from revnm_server import draw_kernels
-from revnm_server.cost_kernels import open_window, squares
 from revnm_server.draw_kernels import Cells, Gaps, Picture, floor_evidence, obstacle_evidence, spread_along, weighed
 from revnm_server.lift import Kind
 from revnm_server.lift_kernels import slopes, votes
 from revnm_server.memory_kernels import Background, learnt
+from revnm_server.search_kernels import open_window
 
 HW = (14, 17)
 CELLS = Cells(np.float32(-0.95), np.float32(-0.55), np.float32(10.0), 12, 20)
@@ -190,18 +190,6 @@ def test_the_background_is_learnt_as_by_whole_arrays(rng) -> None:
     assert settled_once[moved & ~restless].mean() > 0.9
     assert settled_once[restless].mean() < 0.1
     assert moving[restless].any()
-
-
-@pytest.mark.parametrize("share", [0.0, 0.003, 0.3])
-@pytest.mark.parametrize("shape", [(31, 44), (3, 50), (50, 2), (1, 1)])
-@pytest.mark.parametrize("reach", [0, 1, 6])
-def test_distances_are_those_to_the_nearest_cell_up_to_the_reach(rng, shape, share: float, reach: int) -> None:
-    stands = rng.random(shape) < share
-    exact = np.full(shape, np.inf)
-    for cell in np.argwhere(stands):
-        exact = np.minimum(exact, np.square(np.indices(shape) - cell[:, None, None]).sum(axis=0))
-    beyond = reach * reach + 1
-    np.testing.assert_array_equal(squares(stands, reach), np.where(exact < beyond, exact, beyond))
 
 
 @pytest.mark.parametrize("likely", [0.0, 25.0, np.inf])

@@ -36,11 +36,6 @@ def test_a_floor_without_obstacles_costs_its_price():
     assert np.isinf(cost.sure_m).all()
 
 
-def test_as_many_cuts_as_shares():
-    with pytest.raises(ValueError, match="2 cuts of obstacles, but 5 shares"):
-        replace(SETTINGS, cuts=(0.6, 0.9))
-
-
 def test_the_likelier_the_dearer():
     dear = [travel_cost(floor(8.0, 4.0, WALL, p=p), SETTINGS) for p in (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)]
     at_wall = [cost.per_m[20, 41] for cost in dear]
