@@ -1,0 +1,22 @@
+"""The server's settings: command line over environment (``REVNM_…``) over a YAML file over defaults.
+
+Each component is given its own section, never the whole. Unknown keys are errors; an error names file, line and
+key.
+"""
+
+from revnm_server.settings.camera import CameraSettings
+from revnm_server.settings.http import HttpSettings, is_loopback
+from revnm_server.settings.loading import load_settings
+from revnm_server.settings.perception import PerceptionSettings
+from revnm_server.settings.root import Settings
+from revnm_server.settings.zenoh import ZenohSettings
+
+__all__ = [
+    "CameraSettings",
+    "HttpSettings",
+    "PerceptionSettings",
+    "Settings",
+    "ZenohSettings",
+    "is_loopback",
+    "load_settings",
+]

@@ -1,0 +1,53 @@
+"""Settings of page and API: where they are, and who may see them."""
+
+from __future__ import annotations
+
+import ipaddress
+from typing import Annotated
+
+import pydantic
+
+from revnm_server.settings.section import Section
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether a host's name or address means this machine and nothing else; rubbish does not."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+class HttpSettings(Section):
+    """Where the page and the API are, and who may see them.
+
+    ``token`` is asked of everyone when it is set; an address that others can reach needs it, or ``insecure``.
+    """
+
+    host: str = "127.0.0.1"
+    port: Annotated[int, pydantic.Field(ge=0, le=65535)] = 8000
+    token: Annotated[pydantic.SecretStr, pydantic.Field(min_length=16, max_length=256)] | None = None
+    insecure: bool = False
+
+    @property
+    def loopback(self) -> bool:
+        """Whether only this machine can reach it."""
+        return is_loopback(self.host)
+
+    @pydantic.field_validator("token")
+    @classmethod
+    def _printable(cls, token: pydantic.SecretStr | None) -> pydantic.SecretStr | None:
+        if token is not None and not (token.get_secret_value().isascii() and token.get_secret_value().isalnum()):
+            raise ValueError("expected ASCII letters and digits only")
+        return token
+
+    @pydantic.model_validator(mode="after")
+    def _guarded(self) -> HttpSettings:
+        if not self.loopback and self.token is None and not self.insecure:
+            raise ValueError(
+                f"{self.host} can be reached by others: set a token (REVNM_HTTP__TOKEN), "
+                "or say --insecure-http if anyone there may drive the robots"
+            )
+        return self

@@ -1,0 +1,45 @@
+"""All settings together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import pydantic
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from revnm_client.keys import check_name
+from revnm_server.settings.camera import CameraSettings
+from revnm_server.settings.http import HttpSettings
+from revnm_server.settings.perception import PerceptionSettings
+from revnm_server.settings.section import reraised
+from revnm_server.settings.zenoh import ZenohSettings
+
+_TAGS_OF_36H11 = 587
+
+
+class Settings(BaseSettings):
+    """Everything that can be set.
+
+    ``robots`` maps names to the ids of their AprilTags (36h11); ``state_file`` keeps goals over a restart.
+    """
+
+    model_config = SettingsConfigDict(
+        env_prefix="REVNM_", env_nested_delimiter="__", extra="forbid", frozen=True, allow_inf_nan=False
+    )
+
+    camera: CameraSettings = CameraSettings()
+    zenoh: ZenohSettings = ZenohSettings()
+    http: HttpSettings = HttpSettings()
+    perception: PerceptionSettings = PerceptionSettings()
+    robots: dict[str, Annotated[int, pydantic.Field(ge=0, lt=_TAGS_OF_36H11)]] = {"rover": 0}
+    state_file: Path | None = None
+
+    @pydantic.field_validator("robots")
+    @classmethod
+    def _distinct(cls, robots: dict[str, int]) -> dict[str, int]:
+        for name in robots:
+            reraised(check_name, name)
+        if not robots or len(set(robots.values())) != len(robots):
+            raise ValueError("expected at least one robot, each with a tag of its own")
+        return robots
