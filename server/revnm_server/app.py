@@ -7,7 +7,7 @@ import socket
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import uvicorn
 import zenoh
@@ -27,6 +27,7 @@ from revnm_server.bundle import (
 from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.calibration.keyframes import TagMount
 from revnm_server.camera import open_camera
+from revnm_server.configured_depth import load_depth_network
 from revnm_server.depth import OnnxDepth
 from revnm_server.exo2ego import OnnxExo2Ego
 from revnm_server.map_beliefs import MapBeliefs
@@ -38,7 +39,7 @@ from revnm_server.policy import OnnxFloorPolicy, OnnxPolicy
 from revnm_server.ports import Senses
 from revnm_server.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
-from revnm_server.settings import HttpSettings, PerceptionSettings, Settings
+from revnm_server.settings import DepthSettings, HttpSettings, PerceptionSettings, Settings
 from revnm_server.tag import TagDetector
 
 logger = logging.getLogger(__name__)
@@ -61,16 +62,24 @@ class RunningServer:
     session: zenoh.Session
 
 
-def load_models(settings: PerceptionSettings) -> Bundle | DepthBundle:
+def load_models(settings: PerceptionSettings, depth: DepthSettings) -> Bundle | DepthBundle:
     """Return the models that the planner needs; without those of the policy only depth, for a search on the map.
 
+    Args:
+        settings: Which bundle, and how to run it.
+        depth: A depth network that takes the place of the bundle's, if it names one.
+
     Raises:
-        FileError: A file of the bundle is altered or does not fit, or one that either planner needs is missing.
+        FileError: A file of the bundle or the depth network is altered or does not fit, or one that either planner
+            needs is missing.
+        ConfigError: A setting does not fit the depth network, or the provider is not installed or cannot start.
     """
-    folder = settings.bundle or default_bundle_path()
-    if settings.planner == "bev" or missing_models(folder):
-        return load_depth_bundle(folder, threads=settings.threads)
-    return load_bundle(folder, threads=settings.threads)
+    folder, threads, provider = settings.bundle or default_bundle_path(), settings.threads, settings.provider
+    alone = settings.planner == "bev" or missing_models(folder)
+    bundle = (load_depth_bundle if alone else load_bundle)(folder, threads=threads, provider=provider)
+    if depth.model is None:
+        return bundle
+    return replace(bundle, depth=load_depth_network(depth, threads=threads, provider=provider))
 
 
 def build_pipeline(bundle: Bundle, settings: PerceptionSettings, robots: Mapping[str, int]) -> Pipeline:
@@ -140,7 +149,7 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
     with ExitStack() as stack:
         # The matrices are small: handing half of one to a thread that waits for its core costs more than all of it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
-        models = load_models(settings.perception)
+        models = load_models(settings.perception, settings.depth)
         notes = _notes(models, settings.perception)
         mission = Mission(settings.robots, state_file=settings.state_file)
         listener = stack.enter_context(_listen(settings.http))

@@ -6,7 +6,6 @@ manifest, and each model runs once on zeros before the server says it is ready.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,26 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.errors import ContractError, FileError
+from revnm_server.checked_file import check_sha256
+from revnm_server.depth_input import DepthInput
+from revnm_server.depth_network import DepthNetwork
+from revnm_server.depth_output import DepthOutput
 from revnm_server.ego_prior import PRIOR_CHANNELS
 from revnm_server.inference import OnnxModel, Shape
-from revnm_server.manifest import Manifest, ModelSection, PerChannel, read_manifest
+from revnm_server.manifest import DepthSection, Manifest, ModelSection, read_manifest
 from revnm_server.map_window import LAYERS, WAY_POINTS, WindowSpec
 from revnm_server.observation import ObservationSpec
-
-
-@dataclass(frozen=True, slots=True)
-class DepthConfig:
-    """The depth network.
-
-    Attributes:
-        model: ``image`` (1, 3, h, w) → ``disparity`` (1, h, w), up to scale and shift.
-        mean: Per channel, subtracted from RGB / 255.
-        std: Per channel, divides what is left.
-    """
-
-    model: OnnxModel
-    mean: PerChannel
-    std: PerChannel
+from revnm_server.providers import Provider
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +62,7 @@ class Bundle:
     folder: Path
     name: str
     spec: ObservationSpec
-    depth: DepthConfig
+    depth: DepthNetwork
     exo2ego: Exo2EgoConfig
     policy: OnnxModel
     sees: Literal["picture", "map"]
@@ -91,7 +80,7 @@ class DepthBundle:
     """
 
     spec: ObservationSpec
-    depth: DepthConfig
+    depth: DepthNetwork
     missing: tuple[str, ...]
 
 
@@ -100,14 +89,16 @@ def default_bundle_path() -> Path:
     return Path(__file__).parent / "bundles" / "edge"
 
 
-def load_bundle(folder: Path, *, threads: int = 2) -> Bundle:
+def load_bundle(folder: Path, *, threads: int = 2, provider: Provider = "cpu") -> Bundle:
     """Load a bundle and check all of it.
 
     Args:
         folder: The bundle.
         threads: Threads that one call of a model may use.
+        provider: What runs the models.
 
     Raises:
+        ConfigError: The provider is not installed, or cannot start.
         FileError: The manifest or a model is missing, malformed, altered, or does not fit; the text says
             which file and why.
     """
@@ -115,9 +106,10 @@ def load_bundle(folder: Path, *, threads: int = 2) -> Bundle:
     spec = manifest.observation.to_spec()
     models = manifest.models
     for section in _sections(manifest):
-        _check_hash(folder / section.file, section.sha256)
+        check_sha256(folder / section.file, section.sha256)
     depth, exo2ego, policy = (
-        OnnxModel(folder / section.file, threads=threads) for section in (models.depth, models.exo2ego, models.policy)
+        OnnxModel(folder / section.file, threads=threads, provider=provider)
+        for section in (models.depth, models.exo2ego, models.policy)
     )
     policy_contract = _map_policy(spec) if models.policy.sees == "map" else _policy(spec)
     for model, contract in (
@@ -130,7 +122,7 @@ def load_bundle(folder: Path, *, threads: int = 2) -> Bundle:
         folder=folder,
         name=manifest.name,
         spec=spec,
-        depth=DepthConfig(depth, models.depth.mean, models.depth.std),
+        depth=_depth_network(depth, models.depth, spec),
         exo2ego=Exo2EgoConfig(exo2ego, models.exo2ego.steps, models.exo2ego.prior, models.exo2ego.noise),
         policy=policy,
         sees=models.policy.sees,
@@ -138,14 +130,16 @@ def load_bundle(folder: Path, *, threads: int = 2) -> Bundle:
     )
 
 
-def load_depth_bundle(folder: Path, *, threads: int = 2) -> DepthBundle:
+def load_depth_bundle(folder: Path, *, threads: int = 2, provider: Provider = "cpu") -> DepthBundle:
     """Load a bundle's depth network; its other models may be missing, but what is there must not be altered.
 
     Args:
         folder: The bundle.
         threads: Threads that one call of the model may use.
+        provider: What runs the model.
 
     Raises:
+        ConfigError: The provider is not installed, or cannot start.
         FileError: The manifest or the depth network is missing, malformed or does not fit, or any model is altered.
     """
     manifest = read_manifest(folder)
@@ -153,10 +147,10 @@ def load_depth_bundle(folder: Path, *, threads: int = 2) -> DepthBundle:
     missing = missing_models(folder)
     for each in _sections(manifest):
         if each.file not in missing:
-            _check_hash(folder / each.file, each.sha256)
-    model = OnnxModel(folder / section.file, threads=threads)
+            check_sha256(folder / each.file, each.sha256)
+    model = OnnxModel(folder / section.file, threads=threads, provider=provider)
     _check_model(model, *_depth(spec))
-    return DepthBundle(spec, DepthConfig(model, section.mean, section.std), missing)
+    return DepthBundle(spec, _depth_network(model, section, spec), missing)
 
 
 def missing_models(folder: Path) -> tuple[str, ...]:
@@ -169,31 +163,19 @@ def missing_models(folder: Path) -> tuple[str, ...]:
     return tuple(each.file for each in (models.policy, models.exo2ego) if _is_missing(folder / each.file))
 
 
-def file_sha256(path: Path) -> str:
-    """Return the sha256 of a file, in hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def _sections(manifest: Manifest) -> tuple[ModelSection, ModelSection, ModelSection]:
     models = manifest.models
     return models.policy, models.exo2ego, models.depth
 
 
+def _depth_network(model: OnnxModel, section: DepthSection, spec: ObservationSpec) -> DepthNetwork:
+    takes = DepthInput("image", spec.disparity_hw, "fixed", section.mean, section.std)
+    return DepthNetwork(model, takes, DepthOutput("disparity", section.kind))
+
+
 def _is_missing(path: Path) -> bool:
     """Tell whether nothing at all lies there: what is there and is no file, or cannot be read, is an error."""
     return not path.exists() and not path.is_symlink()
-
-
-def _check_hash(path: Path, expected: str) -> None:
-    if not path.is_file():
-        raise FileError(f"{path}: missing")
-    try:
-        got = file_sha256(path)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read: {error.strerror}") from error
-    if got != expected:
-        raise FileError(f"{path}: altered: sha256 expected {expected}, got {got}")
 
 
 Contract = tuple[dict[str, Shape], dict[str, Shape]]

@@ -5,7 +5,7 @@ Everything else sees :class:`OnnxModel`, so another runtime is one file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as _ort
 
 from revnm_client.errors import ContractError, FileError
+from revnm_server.providers import Provider, check_used, provider_names
 
 Shape = tuple[int | None, ...]
 
@@ -34,30 +35,33 @@ _ORT_ERRORS: tuple[type[Exception], ...] = (
     ValueError,
 )
 _LOG_FATAL_ONLY = 4
+_DTYPES = {"tensor(float)": "float32", "tensor(float16)": "float16", "tensor(uint8)": "uint8", "tensor(int64)": "int64"}
 
 
 class OnnxModel:
-    """A loaded ONNX model on the CPU; ``run`` may be called from several threads."""
+    """A loaded ONNX model; ``run`` and ``compute`` may be called from several threads."""
 
-    def __init__(self, path: Path, *, threads: int = 2) -> None:
+    def __init__(self, path: Path, *, threads: int = 2, provider: Provider = "cpu") -> None:
         """Load the model.
 
         Args:
             path: The ``.onnx`` file.
             threads: Threads that one call may use.
+            provider: What runs it.
 
         Raises:
             FileError: The file is not there or is no model that onnxruntime can run.
+            ConfigError: The provider is not installed, or cannot start.
         """
         self.path = path
         if not path.is_file():
             raise FileError(f"{path}: missing")
+        names = provider_names(provider, onnxruntime.get_available_providers())
         try:
-            self._session = onnxruntime.InferenceSession(
-                str(path), _session_options(threads), providers=["CPUExecutionProvider"]
-            )
+            self._session = onnxruntime.InferenceSession(str(path), _session_options(threads), providers=names)
         except _ORT_ERRORS as error:
             raise FileError(f"{path}: no model that onnxruntime can run: {_first_line(error)}") from error
+        check_used(provider, self._session.get_providers())
 
     @property
     def inputs(self) -> dict[str, Shape]:
@@ -68,6 +72,11 @@ class OnnxModel:
     def outputs(self) -> dict[str, Shape]:
         """Shape of each output by name; a dynamic axis is None."""
         return {value.name: _shape(value.shape) for value in self._session.get_outputs()}
+
+    @property
+    def input_dtypes(self) -> dict[str, str]:
+        """Name of each input's dtype, such as ``float32``; one that numpy has no name for is onnxruntime's own."""
+        return {value.name: _DTYPES.get(value.type, value.type) for value in self._session.get_inputs()}
 
     def run(self, **arrays: NDArray[Any]) -> dict[str, NDArray[Any]]:
         """Run the model once.
@@ -81,21 +90,34 @@ class OnnxModel:
         Raises:
             ContractError: An input does not fit the model, or an output is no array of finite floats.
         """
-        names = list(self.outputs)
+        outputs = self.compute(list(self.outputs), arrays)
+        for name, value in outputs.items():
+            if not np.isfinite(value).all():
+                raise ContractError(f"{self.path}: output {name} is not finite")
+        return outputs
+
+    def compute(self, names: Sequence[str], arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Run the model once for some of its outputs, which need not be finite.
+
+        Args:
+            names: The outputs.
+            arrays: One array per input of the model, with its dtype and shape.
+
+        Returns:
+            One array per name.
+
+        Raises:
+            ContractError: An input does not fit the model, or an output is no array of floats.
+        """
         try:
-            values = self._session.run(names, arrays)
+            values = self._session.run(list(names), dict(arrays))
         except _ORT_ERRORS as error:
             given = ", ".join(f"{name} {a.dtype}{list(a.shape)}" for name, a in arrays.items())
             raise ContractError(f"{self.path}: cannot run on {given}: {_first_line(error)}") from error
-        return self._finite(dict(zip(names, values, strict=True)))
-
-    def _finite(self, outputs: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-        for name, value in outputs.items():
+        for name, value in zip(names, values, strict=True):
             if not isinstance(value, np.ndarray) or value.dtype.kind != "f":
                 raise ContractError(f"{self.path}: output {name} is no array of floats")
-            if not np.isfinite(value).all():
-                raise ContractError(f"{self.path}: output {name} is not finite")
-        return dict(outputs)
+        return dict(zip(names, values, strict=True))
 
 
 def _session_options(threads: int) -> Any:

@@ -10,7 +10,8 @@ import onnx
 import pytest
 
 from revnm_client.errors import FileError
-from revnm_server.bundle import file_sha256, load_bundle, load_depth_bundle, missing_models
+from revnm_server.bundle import load_bundle, load_depth_bundle, missing_models
+from revnm_server.checked_file import file_sha256
 
 from .tiny_bundle import DISPARITY_HW, EGO_PX, depth_model, policy_model, write_tiny_bundle
 
@@ -38,7 +39,7 @@ def test_a_complete_bundle_loads(tiny_bundle: Path) -> None:
     assert bundle.name == "tiny"
     assert bundle.spec.disparity_hw == DISPARITY_HW
     assert bundle.exo2ego.steps == 2
-    assert bundle.depth.std == (1.0, 1.0, 1.0)
+    assert bundle.depth.takes.std == (1.0, 1.0, 1.0)
     assert set(bundle.policy.inputs) == {"exo", "ego", "robot", "heading", "goal"}
     assert bundle.manifest["models"]["depth"]["kind"] == "disparity"
 

@@ -10,7 +10,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from revnm_server.bundle import file_sha256
+from revnm_server.checked_file import file_sha256
 from revnm_server.manifest import MANIFEST
 
 EGO_PX = 32

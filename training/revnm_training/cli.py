@@ -143,7 +143,7 @@ def _quality(options: argparse.Namespace) -> int:
 
 
 def _quality_encoder(options: argparse.Namespace) -> int:
-    from revnm_server.bundle import file_sha256
+    from revnm_server.checked_file import file_sha256
     from revnm_training.quality.encoder_training import train_encoder
 
     difference = train_encoder(options.out, steps=options.steps, seed=options.seed)

@@ -5,6 +5,7 @@ key.
 """
 
 from revnm_server.settings.camera import CameraSettings
+from revnm_server.settings.depth import DepthSettings
 from revnm_server.settings.http import HttpSettings, is_loopback
 from revnm_server.settings.loading import load_settings
 from revnm_server.settings.perception import PerceptionSettings
@@ -13,6 +14,7 @@ from revnm_server.settings.zenoh import ZenohSettings
 
 __all__ = [
     "CameraSettings",
+    "DepthSettings",
     "HttpSettings",
     "PerceptionSettings",
     "Settings",

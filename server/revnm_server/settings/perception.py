@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import pydantic
 
+from revnm_server.providers import Provider
 from revnm_server.settings.section import Section
 
 
@@ -15,11 +16,13 @@ class PerceptionSettings(Section):
 
     ``planner`` is ``revnm``, the bundle's policy, or ``bev``, a search on the map that the camera's own calibration
     makes; that one needs ``tag_height_m``, the height of the tags over the floor, and the body of a robot, the
-    tag in its middle. ``calibration_dir`` keeps what it learnt over a restart.
+    tag in its middle. ``calibration_dir`` keeps what it learnt over a restart. ``provider`` runs the networks, each
+    with ``threads`` where that is the CPU.
     """
 
     planner: Literal["revnm", "bev"] = "revnm"
     bundle: Path | None = None
+    provider: Provider = "cpu"
     threads: Annotated[int, pydantic.Field(ge=1, le=64)] = 2
     tick_hz: Annotated[float, pydantic.Field(gt=0.0, le=60.0)] = 10.0
     max_sighting_age_s: Annotated[float, pydantic.Field(gt=0.0, le=1.0)] = 1.0

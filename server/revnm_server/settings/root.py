@@ -10,6 +10,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from revnm_client.keys import check_name
 from revnm_server.settings.camera import CameraSettings
+from revnm_server.settings.depth import DepthSettings
 from revnm_server.settings.http import HttpSettings
 from revnm_server.settings.perception import PerceptionSettings
 from revnm_server.settings.section import reraised
@@ -32,6 +33,7 @@ class Settings(BaseSettings):
     zenoh: ZenohSettings = ZenohSettings()
     http: HttpSettings = HttpSettings()
     perception: PerceptionSettings = PerceptionSettings()
+    depth: DepthSettings = DepthSettings()
     robots: dict[str, Annotated[int, pydantic.Field(ge=0, lt=_TAGS_OF_36H11)]] = {"rover": 0}
     state_file: Path | None = None
 

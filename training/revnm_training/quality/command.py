@@ -17,7 +17,8 @@ from tqdm import tqdm
 
 from revnm_client.errors import ConfigError, FileError
 from revnm_client.geometry import FloatArray
-from revnm_server.bundle import Bundle, default_bundle_path, file_sha256, load_bundle
+from revnm_server.bundle import Bundle, default_bundle_path, load_bundle
+from revnm_server.checked_file import file_sha256
 from revnm_server.exo2ego import DIFFUSION_STEPS, OnnxExo2Ego
 from revnm_server.manifest import MANIFEST
 from revnm_server.observation import Image32, ObservationSpec

@@ -12,7 +12,7 @@ import numpy as np
 
 from revnm_client.errors import FileError
 from revnm_client.geometry import FloatArray
-from revnm_server.bundle import file_sha256
+from revnm_server.checked_file import file_sha256
 from revnm_server.inference import OnnxModel
 from revnm_server.observation import Image32
 
