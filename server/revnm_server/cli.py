@@ -11,6 +11,7 @@ from revnm_client.errors import RevnmError
 
 _HELP = {
     "serve": "watch a camera and drive the robots in its picture",
+    "models": "list depth networks of others, and fetch one",
 }
 
 
