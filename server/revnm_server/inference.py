@@ -57,6 +57,8 @@ class OnnxModel:
         if not path.is_file():
             raise FileError(f"{path}: missing")
         names = provider_names(provider, onnxruntime.get_available_providers())
+        if provider in ("cuda", "tensorrt"):
+            onnxruntime.preload_dlls()  # CUDA and cuDNN, where pip installed them
         try:
             self._session = onnxruntime.InferenceSession(str(path), _session_options(threads), providers=names)
         except _ORT_ERRORS as error:

@@ -28,14 +28,14 @@ _KNOWN: dict[Provider, _Known] = {
     "cpu": _Known(("CPUExecutionProvider",), "onnxruntime", "nothing else"),
     "cuda": _Known(
         ("CUDAExecutionProvider",),
-        "onnxruntime-gpu",
-        "an NVIDIA driver, CUDA and cuDNN of the versions that it names",
+        "onnxruntime-gpu[cuda,cudnn]",
+        "an NVIDIA driver, CUDA and cuDNN; [cuda,cudnn] brings the last two",
     ),
     # What TensorRT cannot run, CUDA takes.
     "tensorrt": _Known(
         ("TensorrtExecutionProvider", "CUDAExecutionProvider"),
-        "onnxruntime-gpu",
-        "an NVIDIA driver, CUDA, cuDNN and TensorRT of the versions that it names",
+        "onnxruntime-gpu[cuda,cudnn]",
+        "an NVIDIA driver, CUDA, cuDNN and TensorRT; [cuda,cudnn] does not bring the last",
     ),
     "openvino": _Known(("OpenVINOExecutionProvider",), "onnxruntime-openvino", "OpenVINO, which comes with it"),
 }
@@ -56,7 +56,7 @@ def provider_names(provider: Provider, available: Sequence[str]) -> list[str]:
         raise ConfigError(
             f"perception.provider: {provider} needs {known.names[0]}, but the installed onnxruntime has "
             f"{', '.join(available)}; install {known.package} in place of the package that is there "
-            f"(pip uninstall onnxruntime; pip install {known.package})"
+            f"(pip uninstall onnxruntime; pip install '{known.package}')"
         )
     return list(known.names)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -28,8 +29,8 @@ def test_cuda_takes_what_tensorrt_does_not() -> None:
 @pytest.mark.parametrize(
     ("provider", "name", "package"),
     [
-        ("cuda", CUDA, "onnxruntime-gpu"),
-        ("tensorrt", TENSORRT, "onnxruntime-gpu"),
+        ("cuda", CUDA, "onnxruntime-gpu[cuda,cudnn]"),
+        ("tensorrt", TENSORRT, "onnxruntime-gpu[cuda,cudnn]"),
         ("openvino", "OpenVINOExecutionProvider", "onnxruntime-openvino"),
     ],
 )
@@ -37,7 +38,7 @@ def test_a_missing_provider_is_an_error_that_says_what_to_install(
     tiny_bundle: Path, provider: Provider, name: str, package: str
 ) -> None:
     """The installed onnxruntime has none of them."""
-    said = rf"perception\.provider: {provider} needs {name}, but .* has .*{CPU}.*pip install {package}\)"
+    said = rf"perception\.provider: {provider} needs {name}, but .* has .*{CPU}.*pip install '{re.escape(package)}'\)"
     settings = load_settings(overrides={"perception": {"bundle": tiny_bundle, "provider": provider}})
     with pytest.raises(ConfigError, match=said):
         load_models(settings.perception, settings.depth)
