@@ -56,7 +56,9 @@ def load_depth_network(settings: DepthSettings, *, threads: int = 2, provider: P
 
 def weights_beside(path: Path) -> set[str]:
     """Return the names of the files beside an ONNX model from which it reads weights."""
-    found = set()
+    found: set[str] = set()
+    if path.stat().st_size == 0:
+        return found  # what is empty cannot be mapped
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         for match in _WEIGHTS_BESIDE.finditer(content):
             found.add(content[match.end() : match.end() + match[1][0]].decode("utf-8", "replace"))

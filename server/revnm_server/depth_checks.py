@@ -95,7 +95,7 @@ def _check_sign(network: DepthNetwork, image: Image32) -> None:
             f"set depth.kind: {other}"
         )
     if clear < _CLEAR:
-        logger.warning("%s: a drawn floor does not tell whether it is %s; near things must be bright", where, kind)
+        logger.warning("%s: a drawn floor does not tell whether it is %s; look at the page's map", where, kind)
 
 
 def _rows(image: Image32, band: tuple[float, float]) -> Image32:

@@ -19,6 +19,7 @@ from revnm_sim.bench.report import table
 
 THREADS = (1, 2)
 SPINNING = ("0", "1")
+_PAUSE_S = 0.02  # until the threads of the variant before have ceased to spin
 
 
 def session(model: str, threads: int, spinning: str) -> Any:
@@ -48,6 +49,7 @@ def main(rounds: int) -> None:
     cpu_ms: dict[Any, list[float]] = {variant: [] for variant in variants}
     for number in range(rounds + 3):
         for variant in variants:
+            time.sleep(_PAUSE_S)
             started, spent = time.perf_counter(), time.process_time()
             sessions[variant].run(None, given[variant])
             if number >= 3:
