@@ -108,19 +108,19 @@ def download(
         FileError: Another file has the name, the disk is full, or the file has another sum than expected.
     """
     check_url(wanted.url)
-    if target.exists():
-        if file_sha256(target) == wanted.sha256:
-            return False
-        raise FileError(f"{target}: is there, but with another sha256 than {wanted.sha256}; move it away")
     part = target.with_name(target.name + ".part")
     try:
+        if target.exists():
+            if file_sha256(target) == wanted.sha256:
+                return False
+            raise FileError(f"{target}: is there, but with another sha256 than {wanted.sha256}; move it away")
         target.parent.mkdir(parents=True, exist_ok=True)
         with _alone(part) as file:
             _fill(file, part, wanted, client, free)
             _finish(file, part, wanted, target)
         return True
     except OSError as error:
-        raise FileError(f"{part}: cannot be written: {error.strerror}; what is there is kept") from error
+        raise FileError(f"{error.filename or part}: {error.strerror}; what was downloaded is kept") from error
 
 
 @contextmanager
@@ -138,14 +138,15 @@ def _fill(file: BinaryIO, part: Path, wanted: RemoteFile, client: httpx.Client, 
     offset = os.fstat(file.fileno()).st_size
     if offset and offset == wanted.size_bytes:
         return
-    mark = _mark(part, wanted.url) if offset else None
+    short = 0 < offset < (wanted.size_bytes or MAX_BYTES)
+    mark = _mark(part, wanted.url) if short else None
     try:
         with _answer(client, wanted.url, offset if mark else 0, mark) as answer:
             if answer is None:
                 return
+            _check_size(wanted, answer, part.parent, free(part.parent))
             if offset and answer.start == 0:
                 file.truncate(0)
-            _check_size(wanted, answer, part.parent, free(part.parent))
             _remember(part, wanted.url, answer.response)
             _copy(file, part.stem, wanted, answer)
     except httpx.TransportError as error:

@@ -135,6 +135,21 @@ def test_a_part_that_is_whole_needs_no_more_bytes(server: FileServer, target: Pa
     assert_only(target)
 
 
+def test_a_part_that_is_too_long_is_begun_anew(server: FileServer, target: Path) -> None:
+    cut_in_half(server, target)
+    part_of(target).write_bytes(CONTENT + b"more")
+    assert fetch(server.url, target, size_bytes=len(CONTENT))
+    assert_only(target)
+
+
+def test_a_server_with_another_file_does_not_cost_the_part(server: FileServer, target: Path) -> None:
+    cut_in_half(server, target)
+    server.does.content, server.does.headers = b"an excuse", {"ETag": '"two"'}
+    with pytest.raises(LinkError, match="another file"):
+        fetch(server.url, target, size_bytes=len(CONTENT))
+    assert part_of(target).read_bytes() == CONTENT[:HALF]
+
+
 def test_an_unknown_length_will_do(server: FileServer, target: Path) -> None:
     server.does.chunked = True
     assert fetch(server.url, target)
@@ -164,7 +179,7 @@ def test_more_than_a_network_can_need_is_refused(server: FileServer, target: Pat
 def test_a_full_disk_is_told(server: FileServer, target: Path) -> None:
     target.parent.mkdir()
     part_of(target).symlink_to("/dev/full")
-    with pytest.raises(FileError, match=r"net\.onnx\.part: cannot be written: No space left on device; .* is kept"):
+    with pytest.raises(FileError, match=r"net\.onnx\.part: No space left on device; .* is kept"):
         fetch(server.url, target)
 
 
@@ -191,6 +206,8 @@ def test_what_lies_there_under_the_name_is_left_alone(server: FileServer, target
     with pytest.raises(FileError, match=r"is there, but with another sha256 .* move it away"):
         fetch(server.url, target)
     assert target.read_text() == "mine"
+    with pytest.raises(FileError, match=r"models: Is a directory"):
+        fetch(server.url, target.parent)
 
 
 @pytest.mark.parametrize(("status", "said"), [(404, "404 Not Found"), (401, "401 Unauthorized"), (503, "503 Service")])
