@@ -143,7 +143,7 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
 
     Raises:
         FileError: The bundle or the state file is malformed.
-        ConfigError: The HTTP address is taken.
+        ConfigError: The HTTP address is taken, or its certificate cannot be used.
         LinkError: A Zenoh endpoint is taken.
     """
     with ExitStack() as stack:
@@ -170,7 +170,8 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         service.start()
         host, port = listener.getsockname()[:2]
         shown = f"[{host}]" if ":" in host else host
-        yield RunningServer(f"http://{shown}:{port}/", service, session)
+        scheme = "https" if settings.http.certificate is not None else "http"
+        yield RunningServer(f"{scheme}://{shown}:{port}/", service, session)
 
 
 def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[str]:
@@ -209,7 +210,11 @@ def _listen(settings: HttpSettings) -> socket.socket:
 
 @contextmanager
 def _serving_http(service: NavigationService, settings: HttpSettings, listener: socket.socket) -> Iterator[None]:
-    """Run uvicorn in a thread of its own, where it leaves the process's signals alone."""
+    """Run uvicorn in a thread of its own, where it leaves the process's signals alone.
+
+    Raises:
+        ConfigError: Certificate or key cannot be used.
+    """
     config = uvicorn.Config(
         create_application(service, settings),
         log_level="warning",
@@ -218,7 +223,13 @@ def _serving_http(service: NavigationService, settings: HttpSettings, listener: 
         timeout_graceful_shutdown=_HTTP_CLOSE_S,
         timeout_keep_alive=5,
         ws_max_size=1024,
+        ssl_certfile=settings.certificate,
+        ssl_keyfile=settings.key,
     )
+    try:
+        config.load()
+    except OSError as error:  # ssl.SSLError is one
+        raise ConfigError(f"HTTPS with {settings.certificate} and {settings.key}: {error}") from error
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="http", daemon=True)
     thread.start()

@@ -26,6 +26,7 @@ from .service_parts import CameraFeed, FakePipeline, RobotEnd
 from .waiting import eventually
 
 TOKEN = "0123456789abcdefXYZ"
+VIEWER = "viewer0123456789ab"
 GOAL = "/api/v1/robots/rover/goal"
 
 
@@ -230,6 +231,32 @@ def test_with_a_token_only_health_is_open(service: NavigationService) -> None:
     assert_problem(api.call("GET", "/api/v1/state", headers={"cookie": "revnm_token=é".encode("latin-1")}), 401)
 
 
+def test_a_viewer_looks_and_stops_but_does_not_drive(service: NavigationService, feed: None) -> None:
+    settings = HttpSettings(token=SecretStr(TOKEN), viewer_token=SecretStr(VIEWER))
+    api = Api(create_application(service, settings))
+    viewer, operator = ({"authorization": f"Bearer {token}"} for token in (VIEWER, TOKEN))
+    assert api.call("GET", "/api/v1/session", headers=viewer).json() == {"role": "viewer"}
+    assert api.call("GET", "/api/v1/session", headers=operator).json() == {"role": "operator"}
+    assert api.call("GET", "/api/v1/state", headers=viewer).status_code == 200
+    assert "operator" in assert_problem(api.call("PUT", GOAL, json={"u": 5, "v": 5}, headers=viewer), 403)["detail"]
+    assert service.mission.of("rover").goal is None
+    assert api.call("POST", "/api/v1/robots/rover/stop", headers=viewer).status_code == 200
+    assert service.mission.of("rover").stopped
+    assert_problem(api.call("POST", "/api/v1/robots/rover/resume", headers=viewer), 403)
+    assert_problem(api.call("DELETE", GOAL, headers=viewer), 403)
+    for path in ("/api/v1/robots/rover/stop/x", "/api/v1/robots/a/b/stop", "/x/api/v1/robots/rover/stop"):
+        assert_problem(api.call("POST", path, headers=viewer), 403)
+    assert service.mission.of("rover").stopped
+    assert api.call("POST", "/api/v1/robots/rover/resume", headers=operator).status_code == 200
+    cookie = api.call("GET", f"/?token={VIEWER}", headers={"cookie": f"revnm_token={TOKEN}"}).headers["set-cookie"]
+    assert VIEWER in cookie  # who opens the page by a viewer's address becomes one
+    assert_problem(api.call("GET", "/api/v1/state", headers={"authorization": f"Bearer {TOKEN}{VIEWER}"}), 401)
+
+
+def test_without_a_token_everyone_is_an_operator(api: Api) -> None:
+    assert api.call("GET", "/api/v1/session").json() == {"role": "operator"}
+
+
 def test_pages_of_other_sites_can_do_nothing(api: Api, service: NavigationService) -> None:
     stop = "/api/v1/robots/rover/stop"
     assert_problem(api.call("POST", stop, headers={"origin": "http://evil.example"}), 403)
@@ -282,6 +309,17 @@ def test_events_are_refused_to_other_sites(api: Api) -> None:
             return await asyncio.wait_for(sent.get(), 5)
 
     assert asyncio.run(listen())["type"] == "websocket.close"
+
+
+def test_events_need_a_token_and_a_viewers_will_do(service: NavigationService, feed: None) -> None:
+    app = create_application(service, HttpSettings(token=SecretStr(TOKEN), viewer_token=SecretStr(VIEWER)))
+
+    async def listen(**headers: str) -> Any:
+        async with websocket(app, **headers) as sent:
+            return await asyncio.wait_for(sent.get(), 5)
+
+    assert asyncio.run(listen())["type"] == "websocket.close"
+    assert asyncio.run(listen(authorization=f"Bearer {VIEWER}"))["type"] == "websocket.accept"
 
 
 def test_the_page_is_in_the_package() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ssl
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,8 +10,9 @@ from typing import Any
 
 import httpx
 import pytest
+import trustme
 
-from revnm_client.errors import FileError
+from revnm_client.errors import ConfigError, FileError
 from revnm_client.link import open_client
 from revnm_server.app import running_server
 from revnm_server.settings import load_settings
@@ -19,6 +21,8 @@ from .free_port import free_port
 from .service_parts import CameraFeed
 from .tiny_bundle import write_tiny_bundle
 from .waiting import eventually
+
+TOKEN = "0123456789abcdefXYZ"
 
 
 @contextmanager
@@ -85,4 +89,32 @@ def test_a_bundle_without_its_policy_falls_back_to_the_map_and_says_so(
 def test_an_altered_policy_is_no_reason_to_fall_back(tiny_bundle: Path) -> None:
     (tiny_bundle / "policy.onnx").write_bytes(b"altered")
     with pytest.raises(FileError, match=r"policy\.onnx: altered"), states(tiny_bundle):
+        pass
+
+
+def test_the_page_comes_by_https_where_there_is_a_certificate(tiny_bundle: Path, tmp_path: Path) -> None:
+    authority = trustme.CA()
+    authority.cert_pem.write_to_path(str(tmp_path / "ca.pem"))
+    issued = authority.issue_cert("127.0.0.1")
+    issued.cert_chain_pems[0].write_to_path(str(tmp_path / "cert.pem"))
+    issued.private_key_pem.write_to_path(str(tmp_path / "key.pem"))
+    http = {"port": 0, "token": TOKEN, "certificate": tmp_path / "cert.pem", "key": tmp_path / "key.pem"}
+    overrides = {"zenoh": {"listen": ["tcp/127.0.0.1:0"]}, "http": http, "perception": {"bundle": tiny_bundle}}
+    trusted = ssl.create_default_context(cafile=str(tmp_path / "ca.pem"))
+    with running_server(load_settings(overrides=overrides)) as server:
+        assert server.url.startswith("https://127.0.0.1:")
+        with httpx.Client(base_url=server.url, verify=trusted, trust_env=False) as client:
+            assert "; Secure" in client.get(f"/?token={TOKEN}").headers["set-cookie"]
+            assert client.get("/api/v1/state").status_code == 200  # the client sends the cookie back
+        with pytest.raises(httpx.RemoteProtocolError):
+            httpx.get(server.url.replace("https", "http"), trust_env=False)
+
+
+def test_a_certificate_of_another_key_is_refused(tiny_bundle: Path, tmp_path: Path) -> None:
+    first, second = (trustme.CA().issue_cert("127.0.0.1") for _ in range(2))
+    first.cert_chain_pems[0].write_to_path(str(tmp_path / "cert.pem"))
+    second.private_key_pem.write_to_path(str(tmp_path / "key.pem"))
+    http = {"port": 0, "certificate": tmp_path / "cert.pem", "key": tmp_path / "key.pem"}
+    overrides = {"zenoh": {"listen": ["tcp/127.0.0.1:0"]}, "http": http, "perception": {"bundle": tiny_bundle}}
+    with pytest.raises(ConfigError, match=r"cert\.pem"), running_server(load_settings(overrides=overrides)):
         pass

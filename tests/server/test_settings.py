@@ -52,6 +52,22 @@ def test_an_address_that_others_reach_needs_a_token_or_plain_words(host: str) ->
     assert load_settings(overrides={"http": {"host": host, "token": "a" * 16}}).http.host == host
 
 
+@pytest.mark.parametrize(
+    ("http", "said"),
+    [
+        ({"viewer_token": "v" * 16}, "needs a token"),
+        ({"viewer_token": "v" * 16, "token": "v" * 16}, "the same"),
+        ({"certificate": "/cert.pem"}, "expected both"),
+        ({"key": "/key.pem"}, "expected both"),
+        ({"token": "short"}, "16"),
+    ],
+)
+def test_tokens_and_certificates_that_do_not_go_together_are_refused(http: dict[str, str], said: str) -> None:
+    with pytest.raises(ConfigError, match=said) as caught:
+        load_settings(overrides={"http": http})
+    assert "vvvv" not in str(caught.value)
+
+
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost", "127.5.0.1"])
 def test_loopback_needs_no_token(host: str) -> None:
     assert load_settings(overrides={"http": {"host": host}}).http.loopback

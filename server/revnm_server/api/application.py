@@ -8,10 +8,11 @@ from importlib.resources import files
 from fastapi import APIRouter, FastAPI, HTTPException, Response
 
 from revnm_server.api import problems
-from revnm_server.api.guard import Guard
+from revnm_server.api.guard import GUARD_STATUSES, Guard, Role
 from revnm_server.api.health import health_router
 from revnm_server.api.live import live_router
 from revnm_server.api.robots import robots_router
+from revnm_server.api.session import session_router
 from revnm_server.service import NavigationService
 from revnm_server.settings import HttpSettings
 
@@ -28,7 +29,7 @@ def create_application(service: NavigationService, settings: HttpSettings) -> Fa
 
     Args:
         service: Does the work.
-        settings: The token, and whether only this machine is served.
+        settings: The tokens, and whether only this machine is served.
     """
     app = FastAPI(
         title="ReVNM server",
@@ -39,13 +40,22 @@ def create_application(service: NavigationService, settings: HttpSettings) -> Fa
         openapi_url="/api/v1/openapi.json",
     )
     problems.install(app)
-    app.include_router(robots_router(service))
-    app.include_router(live_router(service))
-    app.include_router(health_router(service))
+    for router in (robots_router(service), live_router(service), health_router(service), session_router()):
+        app.include_router(router, responses=problems.responses(*GUARD_STATUSES))
     app.include_router(_page_router())
-    token = settings.token.get_secret_value() if settings.token is not None else None
-    app.add_middleware(Guard, token=token, local_names_only=settings.loopback and token is None)
+    roles = _roles(settings)
+    app.add_middleware(
+        Guard,
+        roles=roles,
+        encrypted=settings.certificate is not None,
+        local_names_only=settings.loopback and not roles,
+    )
     return app
+
+
+def _roles(settings: HttpSettings) -> dict[str, Role]:
+    given = {Role.OPERATOR: settings.token, Role.VIEWER: settings.viewer_token}
+    return {token.get_secret_value(): role for role, token in given.items() if token is not None}
 
 
 def _page_router() -> APIRouter:

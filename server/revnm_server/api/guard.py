@@ -1,4 +1,4 @@
-"""Who may speak to the server: everyone who reaches it, or who knows the token.
+"""Who may speak to the server: everyone who reaches it, or who knows a token, each in a role.
 
 A plain ASGI middleware, since streams pass through it.
 """
@@ -6,6 +6,10 @@ A plain ASGI middleware, since streams pass through it.
 from __future__ import annotations
 
 import hmac
+import re
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
 from starlette.datastructures import Headers
@@ -17,8 +21,12 @@ from revnm_server.settings import is_loopback
 
 MAX_BODY_BYTES = 16_384
 COOKIE = "revnm_token"
+GUARD_STATUSES = (401, 403, 411, 413, 421)
+"""What the guard itself answers with."""
+
 _OPEN_PATHS = ("/healthz",)
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+_STOP_PATH = re.compile(r"/api/v1/robots/[^/]+/stop")
 _SECURITY_HEADERS = {
     "content-security-policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
@@ -30,20 +38,40 @@ _SECURITY_HEADERS = {
 }
 
 
+class Role(StrEnum):
+    """What somebody may do."""
+
+    VIEWER = "viewer"
+    """Look, and stop robots: whoever sees one about to hit something shall be able to."""
+    OPERATOR = "operator"
+    """Everything."""
+
+
+class _Refusal(NamedTuple):
+    status: int
+    detail: str
+
+
 class Guard:
-    """Checks origin, body size and token before the application sees a request.
+    """Checks origin, body size and token before the application sees a request, and tells it the caller's role.
+
+    The role is ``request.state.role``.
 
     Args:
         app: The application.
-        token: Asked of everyone, as ``Authorization: Bearer``, as ``?token=`` or in the page's cookie; None
-            asks nothing.
+        roles: By token: one of them is asked of everyone, as ``Authorization: Bearer``, as ``?token=`` or in the page's
+            cookie; empty asks nothing, and everyone is an operator.
+        encrypted: The page comes by HTTPS: its cookie must not go by any other way.
         local_names_only: Answer to names of this machine only, so that no web page elsewhere can reach the
             server under a name of its own (DNS rebinding).
     """
 
-    def __init__(self, app: ASGIApp, *, token: str | None, local_names_only: bool) -> None:
+    def __init__(
+        self, app: ASGIApp, *, roles: Mapping[str, Role], encrypted: bool = False, local_names_only: bool = False
+    ) -> None:
         self._app = app
-        self._token = token
+        self._roles = dict(roles)
+        self._encrypted = encrypted
         self._local_names_only = local_names_only
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -51,39 +79,53 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        refusal = self._refusal(scope, Headers(scope=scope))
+        headers = Headers(scope=scope)
+        token = self._known_token(scope, headers)
+        role = self._roles[token] if token is not None else None if self._roles else Role.OPERATOR
+        refusal = self._refusal(scope, headers, role)
         if refusal is None:
-            await self._app(scope, receive, _with_headers(send, self._cookie(scope)))
+            scope.setdefault("state", {})["role"] = role
+            await self._app(scope, receive, _with_headers(send, self._cookie(scope, token)))
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008, "reason": refusal[1]})
+            await send({"type": "websocket.close", "code": 1008, "reason": refusal.detail})
         else:
-            status, detail = refusal
-            headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None
-            await problem(status, detail, headers=headers)(scope, receive, _with_headers(send, None))
+            challenge = {"WWW-Authenticate": "Bearer"} if refusal.status == 401 else None
+            answer = problem(refusal.status, refusal.detail, headers=challenge)
+            await answer(scope, receive, _with_headers(send, None))
 
-    def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
+    def _refusal(self, scope: Scope, headers: Headers, role: Role | None) -> _Refusal | None:
         if scope["path"] in _OPEN_PATHS:
             return None
         host = headers.get("host", "")
         if self._local_names_only and not _is_local(host):
-            return 421, "this server answers to names of its own machine only"
+            return _Refusal(421, "this server answers to names of its own machine only")
         origin = headers.get("origin")
         safe = scope["type"] == "http" and scope["method"] in _SAFE_METHODS
         if origin is not None and not safe and not _is_same_site(origin, host):
-            return 403, "a page of another site may not do this"
+            return _Refusal(403, "a page of another site may not do this")
         if scope["type"] == "http" and not safe:
             refusal = _body_refusal(headers)
             if refusal is not None:
                 return refusal
-        if self._token is not None and not any(_same(self._token, given) for given in _given(scope, headers)):
-            return 401, "a token is needed: as Authorization: Bearer, or for the page as ?token="
+        if role is None:
+            return _Refusal(401, "a token is needed: as Authorization: Bearer, or for the page as ?token=")
+        looks = safe or scope["type"] == "websocket" or _STOP_PATH.fullmatch(scope["path"])
+        if role is Role.VIEWER and not looks:
+            return _Refusal(403, "a viewer's token may look, and stop robots: this needs the operator's")
         return None
 
-    def _cookie(self, scope: Scope) -> str | None:
+    def _known_token(self, scope: Scope, headers: Headers) -> str | None:
+        """Return the first token with the request that is one of ours; all are compared, in constant time."""
+        given = _given(scope, headers)
+        compared = [(ours, _same(ours, each)) for each in given for ours in self._roles]
+        return next((ours for ours, same in compared if same), None)
+
+    def _cookie(self, scope: Scope, token: str | None) -> str | None:
         """Return the cookie that lets the page's own requests through, where the page is opened."""
-        if self._token is None or scope["type"] != "http" or scope["path"] != "/":
+        if token is None or scope["type"] != "http" or scope["path"] != "/":
             return None
-        return f"{COOKIE}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+        secure = "; Secure" if self._encrypted else ""
+        return f"{COOKIE}={token}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
 
 def _is_local(host: str) -> bool:
@@ -102,12 +144,12 @@ def _is_same_site(origin: str, host: str) -> bool:
         return False
 
 
-def _body_refusal(headers: Headers) -> tuple[int, str] | None:
+def _body_refusal(headers: Headers) -> _Refusal | None:
     if "transfer-encoding" in headers:
-        return 411, "the length of the body must be told"
+        return _Refusal(411, "the length of the body must be told")
     length = headers.get("content-length", "0")
     if not length.isdecimal() or len(length) > 12 or int(length) > MAX_BODY_BYTES:
-        return 413, f"the body may have {MAX_BODY_BYTES} bytes"
+        return _Refusal(413, f"the body may have {MAX_BODY_BYTES} bytes")
     return None
 
 

@@ -24,7 +24,7 @@ def health_router(service: NavigationService) -> APIRouter:
         """Say that the process answers; asks for no token."""
         return Health(status="ok")
 
-    @router.get("/readyz", response_model=Health, responses=responses(401, 503))
+    @router.get("/readyz", response_model=Health, responses=responses(503))
     async def readyz() -> Health | Response:
         """Say whether the camera is fresh, the models work and a robot reports; else why not."""
         reasons = service.view().reasons

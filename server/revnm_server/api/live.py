@@ -75,7 +75,7 @@ def live_router(service: NavigationService) -> APIRouter:
     layers = {"exo": _Layer(service, "exo"), "map": _Layer(service, "map")}
     view_adapter = TypeAdapter(ServerView)
 
-    @router.get("/state", responses=responses(401))
+    @router.get("/state")
     async def state() -> ServerView:
         """Return everything that the page shows."""
         return service.view()
@@ -97,7 +97,7 @@ def live_router(service: NavigationService) -> APIRouter:
         finally:
             gone.cancel()
 
-    @router.get("/frame.jpg", response_class=Response, responses=responses(401, 409))
+    @router.get("/frame.jpg", response_class=Response, responses=responses(409))
     async def frame_jpg() -> Response:
         """Return the newest picture, however old: see the camera's state."""
         frame = service.camera.latest()
@@ -107,7 +107,7 @@ def live_router(service: NavigationService) -> APIRouter:
         headers = {"X-Frame-Seq": str(frame.seq), "X-Frame-Stamp-Ns": str(frame.stamp_ns)}
         return Response(data, media_type="image/jpeg", headers=headers)
 
-    @router.get("/stream.mjpg", response_class=Response, responses=responses(401, 409, 422))
+    @router.get("/stream.mjpg", response_class=Response, responses=responses(409, 422))
     async def stream_mjpg(layer: Annotated[Literal["exo", "map"], Query()] = "exo") -> StreamingResponse:
         """Stream pictures, at most ten a second: ``exo`` is the camera's own, ``map`` the floor from above."""
         if layer == "map" and service.site() is None:

@@ -46,12 +46,12 @@ def robots_router(service: NavigationService) -> APIRouter:
     """
     router = APIRouter(prefix="/api/v1/robots", tags=["robots"])
 
-    @router.get("", responses=responses(401))
+    @router.get("")
     def robots() -> list[RobotView]:
         """List the robots and what they are doing."""
         return service.view().robots
 
-    @router.put("/{robot}/goal", responses=responses(401, 404, 409, 422))
+    @router.put("/{robot}/goal", responses=responses(404, 409, 422))
     def set_goal(robot: str, request: GoalRequest) -> GoalReply:
         """Send a robot to a pixel."""
         service.mission.of(robot)
@@ -61,18 +61,18 @@ def robots_router(service: NavigationService) -> APIRouter:
         goal = service.mission.set_goal(robot, request.u, request.v, size_px=frame.size_px)
         return GoalReply(robot=robot, goal=GoalView(*goal.pixel_uv, goal.id))
 
-    @router.delete("/{robot}/goal", status_code=204, responses=responses(401, 404))
+    @router.delete("/{robot}/goal", status_code=204, responses=responses(404))
     def drop_goal(robot: str) -> None:
         """Forget a robot's goal: it gets no more plans and stands within half a second."""
         service.mission.drop_goal(robot)
 
-    @router.post("/{robot}/stop", responses=responses(401, 404))
+    @router.post("/{robot}/stop", responses=responses(404))
     def stop(robot: str) -> OrderReply:
         """Stop a robot until it is resumed; its goal is dropped. Repeated until it confirms."""
         acknowledged = service.stop(robot)
         return _order_reply(robot, acknowledged=acknowledged)
 
-    @router.post("/{robot}/resume", responses=responses(401, 404))
+    @router.post("/{robot}/resume", responses=responses(404))
     def resume(robot: str) -> OrderReply:
         """Release a robot's stop."""
         acknowledged = service.resume(robot)
