@@ -52,3 +52,8 @@ class RobotSighting:
     pixel: FloatArray
     heading: FloatArray
     corners: FloatArray
+
+    @property
+    def side_px(self) -> float:
+        """The shortest side of the tag's black border, pixels."""
+        return float(np.linalg.norm(self.corners - np.roll(self.corners, 1, axis=0), axis=1).min())

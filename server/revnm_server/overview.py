@@ -6,7 +6,6 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from revnm_server.view import (
     GoalView,
     RobotView,
     ServerView,
+    Status,
     Timings,
     TimingView,
     pairs,
@@ -34,8 +34,6 @@ from revnm_server.view import (
 _DRIVING_S = 0.5
 _ALIVE_S = 3.0
 _MAX_FAULT_LENGTH = 300
-
-Status = Literal["no_goal", "driving", "arrived", "stopped", "waiting"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +51,21 @@ class SentPlan:
     sighting: RobotSighting | None
 
 
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """What was counted since the server started.
+
+    Attributes:
+        stages_ms: By stage, how often it ran and how long it took in all, milliseconds.
+        failures: Ticks that failed.
+        plans: Plans sent, by robot.
+    """
+
+    stages_ms: dict[str, tuple[int, float]]
+    failures: int
+    plans: dict[str, int]
+
+
 @dataclass(slots=True)
 class _Known:
     """What the ticks have left; guarded by the overview's lock."""
@@ -62,6 +75,8 @@ class _Known:
     sent: dict[str, SentPlan] = field(default_factory=dict)
     site: SiteReport | None = None
     fault: str | None = None
+    failures: int = 0
+    plans: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +127,14 @@ class Overview:
             self._known.timings.add(result.timings_ms)
             self._known.seen.update({s.robot: s for s in result.sightings if s.robot in self._links})
             self._known.sent.update(sent)
+            for robot in sent:
+                self._known.plans[robot] = self._known.plans.get(robot, 0) + 1
 
     def note_fault(self, error: Exception) -> bool:
         """Remember a tick that failed; return whether the one before had worked."""
         with self._lock:
             new = self._known.fault is None
+            self._known.failures += 1
             self._known.fault = f"tick failed: {type(error).__name__}: {error}"[:_MAX_FAULT_LENGTH]
         return new
 
@@ -124,6 +142,12 @@ class Overview:
         """Return the last tick's report of the camera and its map, if it made one."""
         with self._lock:
             return self._known.site
+
+    def tally(self) -> Tally:
+        """Return what was counted since the start."""
+        with self._lock:
+            known = self._known
+            return Tally(known.timings.totals_ms(), known.failures, dict(known.plans))
 
     def view(self) -> ServerView:
         """Return what there is to show now; never waits for the tick, the network or the disk."""
@@ -212,6 +236,7 @@ class Overview:
             pixel=pairs(seen.pixel[None], digits=1)[0] if seen is not None else None,
             heading=pairs(seen.heading[None], digits=4)[0] if seen is not None else None,
             sighting_age_s=_rounded(seen_age_s, 3),
+            tag_px=_rounded(seen.side_px, 1) if seen is not None else None,
             path_px=pairs(self._path_px(shown, last.route), digits=1) if shown is not None else [],
             waypoints_m=pairs(shown.waypoints_m, digits=3) if shown is not None else [],
             robot_state=link.state,

@@ -20,7 +20,7 @@ from revnm_server.camera import CameraSource, CameraState
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.mission import Goal, Mission
 from revnm_server.orders import OrderCourier
-from revnm_server.overview import Overview, SentPlan
+from revnm_server.overview import Overview, SentPlan, Tally
 from revnm_server.pipeline import RobotPlan, TickResult
 from revnm_server.robot_link import RobotLink
 from revnm_server.site_report import SiteReport
@@ -117,6 +117,10 @@ class NavigationService:
     def view(self) -> ServerView:
         """Return what there is to show now; never waits for the tick, the network or the disk."""
         return self._overview.view()
+
+    def tally(self) -> Tally:
+        """Return what was counted since the start."""
+        return self._overview.tally()
 
     def site(self) -> SiteReport | None:
         """Return what the last tick left of the camera and its map; None before that, and where no map is made."""

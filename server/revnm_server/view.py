@@ -20,6 +20,8 @@ _TIMINGS_KEPT = 200
 _FARTHEST_PX = 20_000.0
 
 Pair = tuple[float, float]
+Status = Literal["no_goal", "driving", "arrived", "stopped", "waiting"]
+"""What a robot is doing; ``waiting`` has a goal and gets no plan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +83,13 @@ class RobotView:
 
     Attributes:
         name: Its name.
-        status: What it is doing; ``waiting`` has a goal and gets no plan.
+        status: What it is doing.
         reason: Why it waits, what is provisional about its way, or what else a person should know.
         goal: Where it is to go.
         pixel: Where it was seen last, pixels.
         heading: Unit vector of its forward axis in the picture, then.
         sighting_age_s: How long ago that was.
+        tag_px: Shortest side of its tag then, pixels.
         path_px: The last plan drawn in the picture, while it drives.
         waypoints_m: The same in the robot's frame, metres, x forward, y left.
         robot_state: What it last said of itself.
@@ -96,12 +99,13 @@ class RobotView:
     """
 
     name: str
-    status: Literal["no_goal", "driving", "arrived", "stopped", "waiting"]
+    status: Status
     reason: str | None
     goal: GoalView | None
     pixel: Pair | None
     heading: Pair | None
     sighting_age_s: float | None
+    tag_px: float | None
     path_px: list[Pair]
     waypoints_m: list[Pair]
     robot_state: dict[str, Scalar] | None
@@ -143,15 +147,22 @@ class ServerView:
 
 
 class Timings:
-    """The last durations of each stage."""
+    """The last durations of each stage, and how many there were, and their sum."""
 
     def __init__(self) -> None:
         self._kept_ms: dict[str, deque[float]] = {}
+        self._totals_ms: dict[str, tuple[int, float]] = {}
 
     def add(self, timings_ms: Mapping[str, float]) -> None:
         """Take the durations of one tick."""
         for stage, duration_ms in timings_ms.items():
             self._kept_ms.setdefault(stage, deque(maxlen=_TIMINGS_KEPT)).append(duration_ms)
+            count, sum_ms = self._totals_ms.get(stage, (0, 0.0))
+            self._totals_ms[stage] = count + 1, sum_ms + duration_ms
+
+    def totals_ms(self) -> dict[str, tuple[int, float]]:
+        """Return by stage how often it ran and how long it took in all, milliseconds."""
+        return dict(self._totals_ms)
 
     def view(self) -> dict[str, TimingView]:
         """Return the percentiles by stage."""

@@ -189,6 +189,12 @@ def test_health_and_readiness(api: Api, service: NavigationService, router: zeno
         assert api.call("GET", "/readyz").json() == {"status": "ready"}
 
 
+def test_metrics_are_served(api: Api) -> None:
+    response = api.call("GET", "/metrics")
+    assert response.headers["content-type"].startswith("text/plain; version=")
+    assert "revnm_ready 0.0" in response.text
+
+
 def test_the_picture_is_served(api: Api, feed: None) -> None:
     response = api.call("GET", "/api/v1/frame.jpg")
     assert response.headers["content-type"] == "image/jpeg"

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Response
+from fastapi.responses import PlainTextResponse
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from pydantic import BaseModel
 
 from revnm_server.api.problems import problem, responses
+from revnm_server.metrics import metrics_registry
 from revnm_server.service import NavigationService
 
 
@@ -16,8 +19,9 @@ class Health(BaseModel):
 
 
 def health_router(service: NavigationService) -> APIRouter:
-    """Return ``/healthz`` and ``/readyz``."""
+    """Return ``/healthz``, ``/readyz`` and ``/metrics``."""
     router = APIRouter(tags=["health"])
+    registry = metrics_registry(service)
 
     @router.get("/healthz")
     async def healthz() -> Health:
@@ -31,5 +35,10 @@ def health_router(service: NavigationService) -> APIRouter:
         if reasons:
             return problem(503, "; ".join(reasons), reasons=reasons)
         return Health(status="ready")
+
+    @router.get("/metrics", response_class=PlainTextResponse)
+    def metrics() -> Response:
+        """Return metrics in Prometheus' text format."""
+        return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 
     return router
