@@ -10,6 +10,7 @@ from importlib import import_module
 from revnm_client.errors import RevnmError
 
 _HELP = {
+    "config": "check a settings file, or print its schema",
     "serve": "watch a camera and drive the robots in its picture",
     "models": "list depth networks of others, and fetch one",
 }

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from revnm_client.geometry import Pose2
+from revnm_server.yaml_document import Place
 from revnm_sim.camera import Camera
 from revnm_sim.expert import Expert
 from revnm_sim.placement import distances_m
@@ -16,7 +17,6 @@ from revnm_sim.robot import RobotSpec
 from revnm_sim.scenario import tag_seen
 from revnm_sim.site import Pair, Site
 from revnm_sim.world import FLAT_M, Primitive, Shape, World, primitive_arrays
-from revnm_sim.yaml_document import Place
 
 _CAMERA_CLEAR_M = 0.1
 _DRIVEN_UNDER_M = 0.40

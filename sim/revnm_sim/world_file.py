@@ -15,11 +15,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from revnm_client.errors import FileError
 from revnm_client.geometry import Pose2
+from revnm_server.yaml_document import YamlDocument
 from revnm_sim.camera import Camera
 from revnm_sim.site import DETOUR_M, GOAL_RADIUS_M, Pair, Site
 from revnm_sim.site_checks import flaws
 from revnm_sim.world import Bounds, Primitive, Shape, World
-from revnm_sim.yaml_document import YamlDocument
 
 _MOST_PRIMITIVES = 10_000
 _MOST_TRIAL_PARTS = 1000  # cameras, and pairs

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -56,3 +57,25 @@ def test_what_the_user_can_mend_is_said_in_one_line(
     assert said in output
     assert "hush" not in output
     assert output.count("\n") == 1
+
+
+def test_settings_are_checked_without_a_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "server.yaml"
+    config.write_text("camera: {url: 'rtsp://u:hush@cam/live', name: hall}\nrobots: {rover: 3}\n")
+    assert main(["config", "check", str(config)]) == 0
+    said = capsys.readouterr().out
+    assert "hall" in said
+    assert "rover (tag 3)" in said
+    assert "hush" not in said
+    config.write_text("camera: {url: 'ftp://u:hush@cam'}\nrobots: {rover: x}\nhttp:\n  prot: 1\n")
+    assert main(["config", "check", str(config)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(": ")[0] for line in lines] == [f"{config}:1", f"{config}:4", f"{config}:2"]
+    assert "hush" not in "".join(lines)
+
+
+def test_the_schema_knows_every_section(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["config", "schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    assert {"camera", "http", "perception", "robots", "zenoh"} <= schema["properties"].keys()
+    assert schema["additionalProperties"] is False

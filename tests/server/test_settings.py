@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from revnm_client.errors import ConfigError, FileError
-from revnm_server.settings import load_settings
+from revnm_server.settings import BadSettingsError, load_settings
 
 
 @pytest.fixture
@@ -31,13 +31,54 @@ def test_an_error_names_file_line_and_key(config: Path) -> None:
     assert f"{config}:5: http.speed: " in str(caught.value)
 
 
+def test_an_unknown_key_is_told_with_the_known_ones(config: Path) -> None:
+    config.write_text("camera:\n  ur: rtsp://cam/live\nperceptoin: {}\n")
+    with pytest.raises(BadSettingsError) as caught:
+        load_settings(config)
+    problems = caught.value.problems
+    assert f"{config}:2: camera.ur: unknown key: expected one of name, url; did you mean url?" in problems
+    assert any(p.startswith(f"{config}:3: perceptoin: ") and p.endswith("did you mean perception?") for p in problems)
+
+
+def test_an_error_names_the_item_of_a_list(config: Path) -> None:
+    config.write_text("zenoh:\n  listen:\n    - tcp/127.0.0.1:7447\n    - 7\n")
+    with pytest.raises(ConfigError, match=rf"^{config}:4: zenoh\.listen\[1\]: "):
+        load_settings(config)
+
+
+def test_an_error_names_whoever_said_it(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config.write_text("http: {port: 1000}\nperception: {threads: 2}\n")
+    monkeypatch.setenv("REVNM_HTTP__PORT", "no port")
+    with pytest.raises(ConfigError, match=r"^REVNM_HTTP__PORT: http\.port: "):
+        load_settings(config)
+    with pytest.raises(ConfigError, match=r"^perception\.threads: "):
+        load_settings(config, overrides={"http": {"port": 1}, "perception": {"threads": 0}})
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("http:\n  port: 1\n  port: 2\n", ":3: http.port: stands here a second time"),
+        ("a: &a {port: 1}\nhttp: *a\n", ":2: *a: expected the value itself"),
+        ("http:\n port: 1\n  host: x\n", ":3: is no YAML"),
+        ("camera: " + 20 * "[" + 20 * "]", "levels of nesting"),
+    ],
+)
+def test_what_would_be_misread_is_refused(config: Path, text: str, said: str) -> None:
+    config.write_text(text)
+    with pytest.raises(FileError) as caught:
+        load_settings(config)
+    assert f"{config}" in str(caught.value)
+    assert said in str(caught.value)
+
+
 def test_an_environment_variable_that_is_no_json_is_an_error_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("REVNM_ROBOTS", "rover=3")
     with pytest.raises(ConfigError, match="robots"):
         load_settings()
 
 
-@pytest.mark.parametrize("text", ["- 1", "a: [", "1: 2", "x"])
+@pytest.mark.parametrize("text", ["- 1", "a: [", "x"])
 def test_a_file_that_is_no_mapping_is_refused(config: Path, text: str) -> None:
     config.write_text(text)
     with pytest.raises(FileError, match=r"server\.yaml"):

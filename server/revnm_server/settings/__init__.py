@@ -7,12 +7,13 @@ key.
 from revnm_server.settings.camera import CameraSettings
 from revnm_server.settings.depth import DepthSettings
 from revnm_server.settings.http import HttpSettings, is_loopback
-from revnm_server.settings.loading import load_settings
+from revnm_server.settings.loading import BadSettingsError, load_settings
 from revnm_server.settings.perception import PerceptionSettings
 from revnm_server.settings.root import Settings
 from revnm_server.settings.zenoh import ZenohSettings
 
 __all__ = [
+    "BadSettingsError",
     "CameraSettings",
     "DepthSettings",
     "HttpSettings",

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import difflib
+import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pydantic
-import yaml
 from pydantic_settings import BaseSettings, InitSettingsSource, PydanticBaseSettingsSource, SettingsError
 
 from revnm_client.errors import ConfigError, FileError
 from revnm_server.settings.root import Settings
+from revnm_server.yaml_document import Place, YamlDocument
+
+_PREFIX = "REVNM_"
+_NESTED = "__"
+
+
+class BadSettingsError(ConfigError):
+    """Settings are wrong.
+
+    Attributes:
+        problems: What is wrong, a line each: where it stands, the key, what was expected.
+    """
+
+    def __init__(self, problems: list[str]) -> None:
+        super().__init__("; ".join(problems))
+        self.problems = problems
 
 
 def load_settings(config: Path | None = None, *, overrides: Mapping[str, Any] | None = None) -> Settings:
@@ -23,9 +40,10 @@ def load_settings(config: Path | None = None, *, overrides: Mapping[str, Any] | 
 
     Raises:
         FileError: The file cannot be read or is no YAML mapping.
-        ConfigError: A value is wrong; the text says where it stands.
+        BadSettingsError: Values are wrong; the text says where they stand.
     """
-    in_file, lines = _read(config) if config is not None else ({}, {})
+    document = YamlDocument(config) if config is not None else None
+    in_file = _mapping(document) if document is not None else {}
 
     class Layered(Settings):
         @classmethod
@@ -39,43 +57,63 @@ def load_settings(config: Path | None = None, *, overrides: Mapping[str, Any] | 
         ) -> tuple[PydanticBaseSettingsSource, ...]:
             return init_settings, env_settings, InitSettingsSource(settings_cls, in_file)
 
+    given = overrides or {}
     try:
-        return Layered(**(overrides or {}))
+        return Layered(**given)
     except pydantic.ValidationError as error:
-        problems = error.errors(include_url=False, include_input=False, include_context=False)
-        texts = [_where(problem["loc"], config, lines) + problem["msg"] for problem in problems]
-        raise ConfigError("; ".join(texts)) from None  # pydantic's own text would show the values
+        # Without the values: secrets may be among them, and pydantic's own text would show them.
+        faults = error.errors(include_url=False, include_input=False, include_context=False)
+        texts = [f"{_where(fault['loc'], given, document)}{_problem(fault)}" for fault in faults]
+        raise BadSettingsError(texts) from None
     except SettingsError as error:
-        raise ConfigError(f"settings: {error}") from None  # an environment variable that is no JSON
+        raise BadSettingsError([f"settings: {error}"]) from None  # an environment variable that is no JSON
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[tuple[str, ...], int]]:
-    """Return the file's content, and the line of each key by its path."""
-    try:
-        text = path.read_text()
-        content = yaml.safe_load(text)
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise FileError(f"settings {path}: {error}") from error
-    if content is None:
-        return {}, {}
-    if not isinstance(content, dict) or not all(isinstance(key, str) for key in content):
-        raise FileError(f"settings {path}: expected a mapping of names to values")
-    return content, dict(_lines(root, ()))
+def _mapping(document: YamlDocument) -> dict[str, Any]:
+    if document.data is None:
+        return {}
+    if not isinstance(document.data, dict):
+        raise FileError(f"{document.where(())}: expected a mapping of names to values")
+    return document.data
 
 
-def _lines(node: yaml.Node | None, path: tuple[str, ...]) -> list[tuple[tuple[str, ...], int]]:
-    if not isinstance(node, yaml.MappingNode):
-        return []
-    found = []
-    for key, value in node.value:
-        place = (*path, str(key.value))
-        found += [(place, key.start_mark.line + 1), *_lines(value, place)]
-    return found
+def _where(place: Place, given: Mapping[str, Any], document: YamlDocument | None) -> str:
+    """Return where a key was set: an option of the command, a variable of the environment, or a line of the file."""
+    key = ".".join(str(part) for part in place)
+    if _is_given(place, given):
+        return f"{key}: "
+    names = [_PREFIX + _NESTED.join(str(part) for part in place[:end]).upper() for end in range(len(place), 0, -1)]
+    variable = next((name for name in names if name in os.environ), None)
+    if variable is not None:
+        return f"{variable}: {key}: "
+    return f"{document.where(place)}: " if document is not None and document.holds(place[:1]) else f"{key}: "
 
 
-def _where(loc: Sequence[str | int], config: Path | None, lines: Mapping[tuple[str, ...], int]) -> str:
-    path = tuple(str(part) for part in loc)
-    place = next((lines[path[:end]] for end in range(len(path), 0, -1) if path[:end] in lines), None)
-    key = ".".join(path)
-    return f"{config}:{place}: {key}: " if place is not None else f"{key}: "
+def _is_given(place: Place, given: Mapping[str, Any]) -> bool:
+    """Whether an option of the command says something of a key, or of what it is in."""
+    inner: Any = given
+    for part in place:
+        if not isinstance(inner, Mapping):
+            return True
+        if part not in inner:
+            return False
+        inner = inner[part]
+    return bool(place)
+
+
+def _problem(fault: Any) -> str:
+    """Return what is wrong in words; for an unknown key, which are known there."""
+    if fault["type"] != "extra_forbidden":
+        return str(fault["msg"])
+    known = _keys(fault["loc"][:-1])
+    close = difflib.get_close_matches(str(fault["loc"][-1]), known, n=1)
+    meant = f"; did you mean {close[0]}?" if close else ""
+    return f"unknown key: expected one of {', '.join(known)}{meant}"
+
+
+def _keys(place: Place) -> list[str]:
+    """Return the keys that a part of the settings has."""
+    section: Any = Settings
+    for part in place:
+        section = section.model_fields[part].annotation
+    return sorted(section.model_fields)

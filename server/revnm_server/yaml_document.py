@@ -63,6 +63,10 @@ class YamlDocument:
             known = known[:-1]
         return f"{self.path}:{self._lines[known]}: {_dotted(place)}"
 
+    def holds(self, place: Place) -> bool:
+        """Tell whether a place stands in the file."""
+        return place in self._lines
+
     def refuse(self, place: Place, problem: str) -> NoReturn:
         """Raise a FileError that names the file, the line and the key."""
         raise FileError(f"{self.where(place)}: {problem}")

@@ -1,0 +1,52 @@
+"""``revnm-server config``: look at settings without starting anything."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from revnm_server.bundle import default_bundle_path
+from revnm_server.manifest import read_manifest
+from revnm_server.settings import BadSettingsError, Settings, load_settings
+
+WRONG = 2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    actions = parser.add_subparsers(required=True, metavar="ACTION")
+    check = actions.add_parser(
+        "check", help="say what is wrong with a settings file: file, line, key, what was expected"
+    )
+    check.add_argument("config", type=Path, metavar="FILE", help="settings, YAML")
+    check.set_defaults(action=_check)
+    schema = actions.add_parser("schema", help="print the JSON Schema of the settings file, for editors")
+    schema.set_defaults(action=_schema)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what is asked; return 0, or 2 where settings are wrong.
+
+    Raises:
+        RevnmError: A file cannot be read; the text says which and why.
+    """
+    return int(options.action(options))
+
+
+def _check(options: argparse.Namespace) -> int:
+    try:
+        settings = load_settings(options.config)
+    except BadSettingsError as error:
+        print("\n".join(error.problems), file=sys.stderr)
+        return WRONG
+    read_manifest(settings.perception.bundle or default_bundle_path())
+    robots = ", ".join(f"{name} (tag {tag})" for name, tag in settings.robots.items())
+    print(f"{options.config}: good: {settings.camera!r} guides {robots}")
+    return 0
+
+
+def _schema(_: argparse.Namespace) -> int:
+    print(json.dumps(Settings.model_json_schema(), indent=1))
+    return 0
