@@ -217,6 +217,7 @@ def _serving_http(service: NavigationService, settings: HttpSettings, listener: 
     """
     config = uvicorn.Config(
         create_application(service, settings),
+        log_config=None,  # its records go where ours go
         log_level="warning",
         access_log=False,  # addresses can hold the token
         lifespan="off",

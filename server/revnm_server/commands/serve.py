@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import logging
 import signal
 import threading
 from pathlib import Path
 from typing import Any
 
-import zenoh
-
 from revnm_client.errors import ConfigError
+from revnm_server.log_output import start_log
 from revnm_server.settings import load_settings
 
 
@@ -36,9 +34,8 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         RevnmError: The server cannot start; the text says what to mend.
     """
-    logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s", level=logging.INFO)
-    zenoh.init_log_from_env_or("warn")
     settings = load_settings(options.config, overrides=_overrides(options))
+    start_log(settings.log)
     from revnm_server.app import running_server  # may compile for seconds: after what could be wrong with the settings
 
     stop = threading.Event()

@@ -8,6 +8,7 @@ from revnm_server.settings.camera import CameraSettings
 from revnm_server.settings.depth import DepthSettings
 from revnm_server.settings.http import HttpSettings, is_loopback
 from revnm_server.settings.loading import BadSettingsError, load_settings
+from revnm_server.settings.logs import LogSettings
 from revnm_server.settings.perception import PerceptionSettings
 from revnm_server.settings.root import Settings
 from revnm_server.settings.zenoh import ZenohSettings
@@ -17,6 +18,7 @@ __all__ = [
     "CameraSettings",
     "DepthSettings",
     "HttpSettings",
+    "LogSettings",
     "PerceptionSettings",
     "Settings",
     "ZenohSettings",
