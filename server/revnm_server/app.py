@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import socket
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 
@@ -37,6 +37,7 @@ from revnm_server.mission import Mission
 from revnm_server.pipeline import Pipeline
 from revnm_server.policy import OnnxFloorPolicy, OnnxPolicy
 from revnm_server.ports import Senses
+from revnm_server.restarts import RestartingPipeline
 from revnm_server.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
 from revnm_server.settings import DepthSettings, HttpSettings, PerceptionSettings, Settings
@@ -55,11 +56,13 @@ class RunningServer:
         url: Address of the page.
         service: Drives the robots.
         session: The router's Zenoh session.
+        answers: Tells whether the page is still served; it should be as long as this is there.
     """
 
     url: str
     service: NavigationService
     session: zenoh.Session
+    answers: Callable[[], bool]
 
 
 def load_models(settings: PerceptionSettings, depth: DepthSettings) -> Bundle | DepthBundle:
@@ -165,13 +168,13 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
             tag_size_m=settings.perception.tag_size_m,
             notes=notes,
         )
-        stack.enter_context(_serving_http(service, settings.http, listener))
+        answers = stack.enter_context(_serving_http(service, settings.http, listener))
         stack.callback(service.close)
         service.start()
         host, port = listener.getsockname()[:2]
         shown = f"[{host}]" if ":" in host else host
         scheme = "https" if settings.http.certificate is not None else "http"
-        yield RunningServer(f"{scheme}://{shown}:{port}/", service, session)
+        yield RunningServer(f"{scheme}://{shown}:{port}/", service, session, answers)
 
 
 def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[str]:
@@ -185,15 +188,25 @@ def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[s
 
 def _pipeline(
     models: Bundle | DepthBundle, settings: Settings, session: zenoh.Session, stack: ExitStack
-) -> Pipeline | MapPipeline:
-    if isinstance(models, Bundle) and models.sees == "picture":
-        return build_pipeline(models, settings.perception, settings.robots)
-    senses = {robot: RobotSenses(session, robot) for robot in settings.robots}
+) -> RestartingPipeline:
+    senses = {robot: RobotSenses(session, robot) for robot in settings.robots if _plans_on_map(models)}
     for each in senses.values():
         stack.callback(each.close)
-    pipeline = build_map_pipeline(models, settings.perception, settings.robots, senses, camera=settings.camera.name)
+    loaded = [models]  # later ones are read again from their files
+
+    def build() -> Pipeline | MapPipeline:
+        models = loaded.pop() if loaded else load_models(settings.perception)
+        if isinstance(models, Bundle) and not _plans_on_map(models):
+            return build_pipeline(models, settings.perception, settings.robots)
+        return build_map_pipeline(models, settings.perception, settings.robots, senses, camera=settings.camera.name)
+
+    pipeline = RestartingPipeline(build)
     stack.callback(pipeline.close)
     return pipeline
+
+
+def _plans_on_map(models: Bundle | DepthBundle) -> bool:
+    return isinstance(models, DepthBundle) or models.sees == "map"
 
 
 def _tag_detector(robots: Mapping[str, int]) -> TagDetector:
@@ -209,8 +222,10 @@ def _listen(settings: HttpSettings) -> socket.socket:
 
 
 @contextmanager
-def _serving_http(service: NavigationService, settings: HttpSettings, listener: socket.socket) -> Iterator[None]:
-    """Run uvicorn in a thread of its own, where it leaves the process's signals alone.
+def _serving_http(
+    service: NavigationService, settings: HttpSettings, listener: socket.socket
+) -> Iterator[Callable[[], bool]]:
+    """Run uvicorn in a thread of its own, where it leaves the process's signals alone; yields whether it still runs.
 
     Raises:
         ConfigError: Certificate or key cannot be used.
@@ -235,7 +250,7 @@ def _serving_http(service: NavigationService, settings: HttpSettings, listener: 
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="http", daemon=True)
     thread.start()
     try:
-        yield
+        yield thread.is_alive
     finally:
         server.should_exit = True
         thread.join()

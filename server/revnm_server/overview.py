@@ -34,6 +34,7 @@ from revnm_server.view import (
 _DRIVING_S = 0.5
 _ALIVE_S = 3.0
 _MAX_FAULT_LENGTH = 300
+_HANGS_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +78,7 @@ class _Known:
     fault: str | None = None
     failures: int = 0
     plans: dict[str, int] = field(default_factory=dict)
+    ticking_since_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +121,23 @@ class Overview:
         self._lock = threading.Lock()
         self._known = _Known()
 
+    def note_begin(self) -> None:
+        """Remember that a tick has begun."""
+        with self._lock:
+            self._known.ticking_since_s = time.monotonic()
+
+    def note_end(self) -> None:
+        """Remember that no tick runs."""
+        with self._lock:
+            self._known.ticking_since_s = None
+
+    def hangs_s(self) -> float | None:
+        """Return for how long the tick has been at one picture, where that is far too long."""
+        with self._lock:
+            since_s = self._known.ticking_since_s
+        age_s = time.monotonic() - since_s if since_s is not None else 0.0
+        return age_s if age_s > _HANGS_S else None
+
     def note_tick(self, result: TickResult, sent: Mapping[str, SentPlan]) -> None:
         """Remember a tick that worked and what it published."""
         with self._lock:
@@ -156,6 +175,8 @@ class Overview:
             known = self._known
             fault, timings = known.fault, known.timings.view()
             seen, sent, site = dict(known.seen), dict(known.sent), known.site
+        hangs_s = self.hangs_s()
+        fault = fault if hangs_s is None else f"the tick hangs: it has been at one picture for {hangs_s:.0f} s"
         trouble = _camera_trouble(status) if status.state is not CameraState.RUNNING else fault
         routes = site.routes if site is not None else {}
         robots = [

@@ -144,6 +144,9 @@ class Pipeline:
                 plans = self._plan(observations)
         return TickResult(plans, sightings, disparity, egos, timings_ms)
 
+    def close(self) -> None:
+        """Do nothing: nothing is kept, and nothing runs beside."""
+
     def _see_depth(self, frame: Frame) -> Image32:
         raw = self._depth.disparity(frame)
         check_array("disparity", raw, self._spec.disparity_hw)

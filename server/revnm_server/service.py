@@ -118,6 +118,10 @@ class NavigationService:
         """Return what there is to show now; never waits for the tick, the network or the disk."""
         return self._overview.view()
 
+    def hangs_s(self) -> float | None:
+        """Return for how long the tick has been at one picture, where that is far too long, seconds."""
+        return self._overview.hangs_s()
+
     def tally(self) -> Tally:
         """Return what was counted since the start."""
         return self._overview.tally()
@@ -135,10 +139,13 @@ class NavigationService:
                 self._listen()
                 if frame is not None:
                     seq = frame.seq
+                    self._overview.note_begin()
                     self._tick(frame)
             except Exception as error:  # no plan is sent and the view says why
                 if self._overview.note_fault(error):
                     logger.exception("tick failed: no plans are sent")
+            finally:
+                self._overview.note_end()
             if frame is not None:
                 self._closing.wait(began_s + self._period_s - time.monotonic())
 

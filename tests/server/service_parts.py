@@ -29,9 +29,12 @@ class FakePipeline:
     def __init__(self) -> None:
         self.pixels: dict[str, tuple[float, float]] = {"rover": (100.0, 100.0)}
         self.broken: str | None = None
+        self.going_on = threading.Event()
+        self.going_on.set()
         self.goals_seen: list[dict[str, Goal]] = []
 
     def step(self, frame: Frame, goals: Mapping[str, Goal]) -> TickResult:
+        self.going_on.wait()
         if self.broken is not None:
             raise RuntimeError(self.broken)
         self.goals_seen.append(dict(goals))

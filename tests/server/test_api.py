@@ -17,6 +17,7 @@ from pydantic import SecretStr
 
 from revnm_client.link import open_router
 from revnm_server.api import create_application
+from revnm_server.api.health import health_router
 from revnm_server.camera import CameraSource, open_camera
 from revnm_server.mission import Mission
 from revnm_server.service import NavigationService
@@ -59,8 +60,13 @@ def camera(router: zenoh.Session) -> Iterator[CameraSource]:
 
 
 @pytest.fixture
-def service(router: zenoh.Session, camera: CameraSource) -> Iterator[NavigationService]:
-    running = NavigationService(router, camera=camera, pipeline=FakePipeline(), mission=Mission(["rover"]), tick_hz=50)
+def pipeline() -> FakePipeline:
+    return FakePipeline()
+
+
+@pytest.fixture
+def service(router: zenoh.Session, camera: CameraSource, pipeline: FakePipeline) -> Iterator[NavigationService]:
+    running = NavigationService(router, camera=camera, pipeline=pipeline, mission=Mission(["rover"]), tick_hz=50)
     running.start()
     yield running
     running.close()
@@ -187,6 +193,23 @@ def test_health_and_readiness(api: Api, service: NavigationService, router: zeno
     with CameraFeed(router), RobotEnd(router) as robot:
         eventually(lambda: robot.say() or service.view().ready)
         assert api.call("GET", "/readyz").json() == {"status": "ready"}
+
+
+def test_a_tick_that_hangs_is_told_and_makes_the_process_unhealthy(
+    service: NavigationService, pipeline: FakePipeline, feed: None
+) -> None:
+    app = FastAPI()
+    app.include_router(health_router(service, lost_s=2.2))
+    api = Api(app)
+    assert api.call("GET", "/healthz").status_code == 200
+    pipeline.going_on.clear()
+    try:
+        answer = eventually(lambda: (a := api.call("GET", "/healthz")).status_code == 503 and a)
+        assert "at one picture for 2 s" in assert_problem(answer, 503)["detail"]
+        assert any("hangs" in reason for reason in api.call("GET", "/readyz").json()["reasons"])
+    finally:
+        pipeline.going_on.set()
+    eventually(lambda: api.call("GET", "/healthz").status_code == 200)
 
 
 def test_metrics_are_served(api: Api) -> None:

@@ -18,14 +18,25 @@ class Health(BaseModel):
     status: str
 
 
-def health_router(service: NavigationService) -> APIRouter:
-    """Return ``/healthz``, ``/readyz`` and ``/metrics``."""
+def health_router(service: NavigationService, *, lost_s: float = 10.0) -> APIRouter:
+    """Return ``/healthz``, ``/readyz`` and ``/metrics``.
+
+    Args:
+        service: The server.
+        lost_s: A tick that has been at one picture for longer will not end by itself.
+    """
     router = APIRouter(tags=["health"])
     registry = metrics_registry(service)
 
-    @router.get("/healthz")
-    async def healthz() -> Health:
-        """Say that the process answers; asks for no token."""
+    @router.get("/healthz", response_model=Health, responses=responses(503))
+    async def healthz() -> Health | Response:
+        """Say whether the process works, or should be started again: it answers, and its tick does not hang.
+
+        Asks for no token.
+        """
+        hangs_s = service.hangs_s()
+        if hangs_s is not None and hangs_s > lost_s:
+            return problem(503, f"the tick has been at one picture for {hangs_s:.0f} s")
         return Health(status="ok")
 
     @router.get("/readyz", response_model=Health, responses=responses(503))

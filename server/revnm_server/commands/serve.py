@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import signal
 import threading
 from pathlib import Path
@@ -11,6 +12,11 @@ from typing import Any
 from revnm_client.errors import ConfigError
 from revnm_server.log_output import start_log
 from revnm_server.settings import load_settings
+
+logger = logging.getLogger(__name__)
+
+FAILED = 1
+_LOOK_S = 0.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Serve until SIGINT or SIGTERM; return 0.
+    """Serve until SIGINT or SIGTERM; return 0, or 1 where the page's server has ended by itself.
 
     Raises:
         RevnmError: The server cannot start; the text says what to mend.
@@ -43,8 +49,12 @@ def run(options: argparse.Namespace) -> int:
         signal.signal(number, lambda *_: stop.set())
     with running_server(settings) as server:
         print(f"revnm-server: page at {server.url}", flush=True)
-        stop.wait()
-    return 0
+        while server.answers() and not stop.wait(_LOOK_S):
+            pass
+    if stop.is_set():
+        return 0
+    logger.error("the page is not served any more: ending, so that whoever watches starts the server again")
+    return FAILED
 
 
 def _overrides(options: argparse.Namespace) -> dict[str, Any]:
