@@ -10,9 +10,10 @@ from importlib import import_module
 from revnm_client.errors import RevnmError
 
 _HELP = {
-    "config": "check a settings file, or print its schema",
     "serve": "watch a camera and drive the robots in its picture",
-    "models": "list depth networks of others, and fetch one",
+    "doctor": "look at camera, tags, models, tick and robots, and say what to mend",
+    "config": "check a settings file, or print its schema",
+    "models": "list and fetch depth networks that can take the place of the bundle's own",
 }
 
 
