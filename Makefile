@@ -31,6 +31,7 @@ test: $(VENV)/dev.stamp
 	$(BIN)/pytest --quiet
 
 test-slow: $(VENV)/dev.stamp
+	$(PIP) --group slow
 	$(BIN)/pytest --quiet -m slow
 
 train: $(VENV)/dev.stamp

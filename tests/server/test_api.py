@@ -145,6 +145,8 @@ def test_every_other_error_is_a_problem_too(api: Api, service: NavigationService
     assert_problem(api.call("GET", "/nothing"), 404)
     assert_problem(api.call("GET", "/page/../../secret"), 404)
     assert "GET" not in assert_problem(api.call("POST", GOAL), 405).get("detail", "")
+    assert api.call("POST", GOAL).headers["allow"] == "DELETE, PUT"
+    assert_problem(api.call("PUT", GOAL, content=b"\xff\xfe\x00", headers={"content-type": "application/json"}), 400)
     assert_problem(api.call("GET", "/api/v1/frame.jpg"), 409)
     assert_problem(api.call("GET", "/api/v1/stream.mjpg?layer=x"), 422)
     assert "no map" in assert_problem(api.call("GET", "/api/v1/stream.mjpg?layer=map"), 409)["detail"]

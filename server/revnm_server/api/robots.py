@@ -51,7 +51,7 @@ def robots_router(service: NavigationService) -> APIRouter:
         """List the robots and what they are doing."""
         return service.view().robots
 
-    @router.put("/{robot}/goal", responses=responses(404, 409, 422))
+    @router.put("/{robot}/goal", responses=responses(400, 404, 409, 422))
     def set_goal(robot: str, request: GoalRequest) -> GoalReply:
         """Send a robot to a pixel."""
         service.mission.of(robot)
