@@ -195,7 +195,7 @@ def _pipeline(
     loaded = [models]  # later ones are read again from their files
 
     def build() -> Pipeline | MapPipeline:
-        models = loaded.pop() if loaded else load_models(settings.perception)
+        models = loaded.pop() if loaded else load_models(settings.perception, settings.depth)
         if isinstance(models, Bundle) and not _plans_on_map(models):
             return build_pipeline(models, settings.perception, settings.robots)
         return build_map_pipeline(models, settings.perception, settings.robots, senses, camera=settings.camera.name)

@@ -13,7 +13,7 @@ _HELP = {
     "serve": "watch a camera and drive the robots in its picture",
     "doctor": "look at camera, tags, models, tick and robots, and say what to mend",
     "config": "check a settings file, or print its schema",
-    "models": "list and fetch depth networks that can take the place of the bundle's own",
+    "models": "list depth networks of others, and fetch one",
 }
 
 

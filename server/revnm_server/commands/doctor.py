@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
     start_log(settings.log.model_copy(update={"level": "error"}))
     from revnm_server.app import load_models  # may compile for seconds
 
-    load_models(settings.perception)
+    load_models(settings.perception, settings.depth)
     findings = [Finding(Verdict.GOOD, "models", "all files are there and as their manifest says")]
     view = _running_view(settings.http)
     if view is None:
