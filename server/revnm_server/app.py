@@ -154,6 +154,7 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
             mission=mission,
             tick_hz=settings.perception.tick_hz,
             tag_size_m=settings.perception.tag_size_m,
+            robot_size_m=(settings.perception.robot_length_m, settings.perception.robot_width_m),
             notes=notes,
         )
         stack.enter_context(_serving_http(service, settings.http, listener))
@@ -209,6 +210,7 @@ def _serving_http(service: NavigationService, settings: HttpSettings, listener: 
         timeout_graceful_shutdown=_HTTP_CLOSE_S,
         timeout_keep_alive=5,
         ws_max_size=1024,
+        ws_per_message_deflate=False,  # it would pack the same state anew for each who looks
     )
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="http", daemon=True)

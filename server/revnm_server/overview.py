@@ -12,6 +12,7 @@ import numpy as np
 
 from revnm_client import keys
 from revnm_client.geometry import FloatArray
+from revnm_client.messages import Scan
 from revnm_server.camera import CameraSource, CameraState, CameraStatus
 from revnm_server.frame import RobotSighting
 from revnm_server.mission import Goal, Mission, RobotMission
@@ -29,11 +30,13 @@ from revnm_server.view import (
     TimingView,
     pairs,
     path_in_picture,
+    scan_view,
 )
 
 _DRIVING_S = 0.5
 _ALIVE_S = 3.0
 _MAX_FAULT_LENGTH = 300
+_LATENCY = "picture_to_plan"
 
 Status = Literal["no_goal", "driving", "arrived", "stopped", "waiting"]
 
@@ -44,23 +47,41 @@ class SentPlan:
 
     Attributes:
         at_s: When, monotonic clock.
+        stamp_ns: Capture of the picture that it was made from, server's clock.
         waypoints_m: (H, 2) in the robot's frame.
         sighting: Where the robot was seen then or lately; None if it is known by its odometry only.
     """
 
     at_s: float
+    stamp_ns: int
     waypoints_m: FloatArray
     sighting: RobotSighting | None
+
+
+@dataclass(frozen=True, slots=True)
+class SeenTick:
+    """A tick that worked, for those who draw it.
+
+    Attributes:
+        stamp_ns: Capture of its picture, server's clock.
+        size_px: Width and height of that picture.
+        result: What it gave.
+    """
+
+    stamp_ns: int
+    size_px: tuple[int, int]
+    result: TickResult
 
 
 @dataclass(slots=True)
 class _Known:
     """What the ticks have left; guarded by the overview's lock."""
 
+    tick: SeenTick | None = None
     timings: Timings = field(default_factory=Timings)
+    latencies: dict[str, Timings] = field(default_factory=dict)
     seen: dict[str, RobotSighting] = field(default_factory=dict)
     sent: dict[str, SentPlan] = field(default_factory=dict)
-    site: SiteReport | None = None
     fault: str | None = None
 
 
@@ -70,7 +91,9 @@ class _Last:
 
     seen: RobotSighting | None
     sent: SentPlan | None
+    latency: TimingView | None
     route: SiteRoute | None
+    scan: Scan | None
 
 
 class Overview:
@@ -82,6 +105,7 @@ class Overview:
         links: For what the robots say.
         courier: For what they replied.
         tag_size_m: Side of the robots' tags, for drawing paths.
+        robot_size_m: Length and width of a robot, for drawing it.
         notes: Warnings that hold all the time.
     """
 
@@ -93,23 +117,28 @@ class Overview:
         courier: OrderCourier,
         *,
         tag_size_m: float,
+        robot_size_m: tuple[float, float],
         notes: Sequence[str] = (),
     ) -> None:
         self._camera = camera
         self._mission = mission
         self._links = links
         self._courier = courier
-        self._tag_size_m = tag_size_m
+        self._tag_size_m, self._robot_size_m = tag_size_m, robot_size_m
         self._notes = tuple(notes)
         self._lock = threading.Lock()
         self._known = _Known()
 
-    def note_tick(self, result: TickResult, sent: Mapping[str, SentPlan]) -> None:
+    def note_tick(self, tick: SeenTick, sent: Mapping[str, SentPlan]) -> None:
         """Remember a tick that worked and what it published."""
+        result, now_ns = tick.result, time.time_ns()
         with self._lock:
             self._known.fault = None
-            self._known.site = result.site
+            self._known.tick = tick
             self._known.timings.add(result.timings_ms)
+            for robot, plan in sent.items():
+                kept = self._known.latencies.setdefault(robot, Timings())
+                kept.add({_LATENCY: (now_ns - plan.stamp_ns) / 1e6})
             self._known.seen.update({s.robot: s for s in result.sightings if s.robot in self._links})
             self._known.sent.update(sent)
 
@@ -122,8 +151,13 @@ class Overview:
 
     def site(self) -> SiteReport | None:
         """Return the last tick's report of the camera and its map, if it made one."""
+        tick = self.tick()
+        return tick.result.site if tick is not None else None
+
+    def tick(self) -> SeenTick | None:
+        """Return the last tick that worked."""
         with self._lock:
-            return self._known.site
+            return self._known.tick
 
     def view(self) -> ServerView:
         """Return what there is to show now; never waits for the tick, the network or the disk."""
@@ -131,13 +165,16 @@ class Overview:
         with self._lock:
             known = self._known
             fault, timings = known.fault, known.timings.view()
-            seen, sent, site = dict(known.seen), dict(known.sent), known.site
+            latencies = {robot: kept.view()[_LATENCY] for robot, kept in known.latencies.items()}
+            seen, sent = dict(known.seen), dict(known.sent)
+            site = known.tick.result.site if known.tick is not None else None
         trouble = _camera_trouble(status) if status.state is not CameraState.RUNNING else fault
-        routes = site.routes if site is not None else {}
-        robots = [
-            self._robot(robot, status, trouble, _Last(seen.get(robot), sent.get(robot), routes.get(robot)))
+        routes, scans = (site.routes, site.scans) if site is not None else ({}, {})
+        lasts = {
+            robot: _Last(*(known.get(robot) for known in (seen, sent, latencies, routes, scans)))
             for robot in self._mission.names
-        ]
+        }
+        robots = [self._robot(robot, status, trouble, last) for robot, last in lasts.items()]
         return self._assemble(status, fault, robots, timings, site)
 
     def _assemble(
@@ -148,7 +185,7 @@ class Overview:
         timings: dict[str, TimingView],
         site: SiteReport | None,
     ) -> ServerView:
-        reasons = self._unready(status, fault)
+        reasons, frame = self._unready(status, fault), self._camera.latest()
         return ServerView(
             camera=CameraView(
                 url=self._camera.redacted_url,
@@ -156,6 +193,7 @@ class Overview:
                 size_px=status.size_px,
                 fps=_rounded(status.fps, 1),
                 frame_age_s=_rounded(status.frame_age_s, 3),
+                frame_stamp_ms=round(frame.stamp_ns / 1e6, 1) if frame is not None else None,
                 reason=status.reason,
                 calibration=CalibrationView.of(site.calibration) if site is not None else None,
             ),
@@ -165,6 +203,7 @@ class Overview:
             reasons=reasons,
             warnings=self._warnings(status, site),
             rejected=self._rejected(status) | (site.rejected if site is not None else {}),
+            robot_size_m=self._robot_size_m,
         )
 
     def _warnings(self, status: CameraStatus, site: SiteReport | None) -> list[str]:
@@ -194,7 +233,8 @@ class Overview:
 
     def _robot(self, robot: str, status: CameraStatus, trouble: str | None, last: _Last) -> RobotView:
         wanted, link, seen = self._mission.of(robot), self._links[robot], last.seen
-        seen_age_s = (time.time_ns() - seen.stamp_ns) / 1e9 if seen is not None else None
+        now_ns = time.time_ns()
+        seen_age_s = (now_ns - seen.stamp_ns) / 1e9 if seen is not None else None
         driving = last.sent is not None and time.monotonic() - last.sent.at_s <= _DRIVING_S
         led = last.route.reason if last.route is not None else ""
         held = link.state is not None and link.state["stopped"] is True
@@ -214,6 +254,11 @@ class Overview:
             sighting_age_s=_rounded(seen_age_s, 3),
             path_px=pairs(self._path_px(shown, last.route), digits=1) if shown is not None else [],
             waypoints_m=pairs(shown.waypoints_m, digits=3) if shown is not None else [],
+            plan_age_s=round((now_ns - last.sent.stamp_ns) / 1e9, 3) if last.sent is not None else None,
+            picture_to_plan_ms=last.latency,
+            scan=scan_view(last.scan, now_ns=now_ns) if last.scan is not None else None,
+            clock_offset_ms=_told_ms(link, "clock_offset_ms"),
+            round_trip_ms=_told_ms(link, "round_trip_ms"),
             robot_state=link.state,
             robot_state_age_s=_rounded(link.state_age_s, 3),
             epoch=wanted.epoch,
@@ -258,6 +303,12 @@ def _robot_trouble(link: RobotLink) -> str | None:
     if link.state is None or link.state["moving"] or not link.state["reason"]:
         return None
     return f"robot: {link.state['reason']}"
+
+
+def _told_ms(link: RobotLink, key: str) -> float | None:
+    """Return a number of milliseconds that the robot tells of itself; None if it does not."""
+    told = link.state.get(key) if link.state is not None else None
+    return float(told) if isinstance(told, int | float) and not isinstance(told, bool) else None
 
 
 def _sighting_trouble(age_s: float | None) -> str:
