@@ -200,8 +200,8 @@ def test_the_page_and_its_parts_are_served(api: Api) -> None:
     page = api.call("GET", "/")
     assert "text/html" in page.headers["content-type"]
     assert "script-src 'self'" in page.headers["content-security-policy"]
-    for name in ("app.js", "overlay.js", "style.css"):
-        assert f"page/{name}" in page.text or name == "overlay.js"
+    for name in ("app.js", "stream.js", "style.css"):
+        assert f"page/{name}" in page.text or name == "stream.js"
         part = api.call("GET", f"/page/{name}")
         assert part.status_code == 200
         assert "http://" not in part.text + page.text
