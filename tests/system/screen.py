@@ -1,0 +1,105 @@
+"""A real browser that shows the operator's page: what a person would see, click and press."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from .stage import SCENARIO
+
+DESKTOP, PHONE, PHONE_ON_ITS_SIDE = (1280, 800), (390, 844), (844, 390)
+_FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-proxy-server",
+]
+_PICTURE_PX = SCENARIO.camera.width_px, SCENARIO.camera.height_px
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Start Chromium; without one, skip, except where the tests must run (``CI`` is set): then fail."""
+    path = shutil.which("chromium")
+    if path is None:
+        reason = "Chromium is not installed: make browser"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=_FLAGS)
+        yield browser
+        browser.close()
+
+
+class Screen:
+    """The page in a window of its own."""
+
+    def __init__(self, page: Page, url: str, *, faults: list[str] | None = None) -> None:
+        """Wrap a page of the server at an address; what its console says of faults is gathered in ``faults``."""
+        self.page = page
+        self.faults = faults if faults is not None else []
+        page.set_default_timeout(15_000)
+        page.on("pageerror", lambda error: self.faults.append(str(error)))
+        page.on("console", lambda line: self.faults.append(line.text) if line.type in ("error", "warning") else None)
+        page.goto(url, wait_until="domcontentloaded")
+
+    def wait_live(self, *, within_s: float = 15.0) -> None:
+        """Wait until the badge says that the picture is live."""
+        self.wait("document.getElementById('badge').textContent === 'live'", within_s=within_s)
+
+    def wait(self, condition: str, *, within_s: float = 15.0) -> None:
+        """Wait until an expression of JavaScript is true."""
+        self.page.wait_for_function(condition, timeout=1000.0 * within_s, polling=50)
+
+    def text(self, name: str) -> str:
+        """Return the text of an element by its id."""
+        return self.page.locator(f"#{name}").inner_text()
+
+    def place(self, pixel: tuple[float, float]) -> tuple[float, float]:
+        """Return where on the screen a pixel of the camera's picture is."""
+        box = self.page.locator("#overlay").bounding_box()
+        assert box is not None
+        scale = min(box["width"] / _PICTURE_PX[0], box["height"] / _PICTURE_PX[1])
+        left = box["x"] + (box["width"] - _PICTURE_PX[0] * scale) / 2
+        top = box["y"] + (box["height"] - _PICTURE_PX[1] * scale) / 2
+        return left + pixel[0] * scale, top + pixel[1] * scale
+
+    def ink(self, canvas: str) -> list[list[int]]:
+        """Return the colours (r, g, b) of every pixel of a canvas on which something is drawn."""
+        script = """canvas => {
+            const {data} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+            const found = [];
+            for (let i = 0; i < data.length; i += 4)
+                if (data[i + 3] > 200) found.push([data[i], data[i + 1], data[i + 2]]);
+            return found;
+        }"""
+        colours: list[list[int]] = self.page.locator(f"#{canvas}").evaluate(script)
+        return colours
+
+    def touch(self, **at: Any) -> None:
+        """Send a touch of one finger, as the hardware would: ``type`` and, but at the end, ``x`` and ``y``."""
+        session = self.page.context.new_cdp_session(self.page)
+        points = [{"x": at["x"], "y": at["y"]}] if "x" in at else []
+        session.send("Input.dispatchTouchEvent", {"type": at["type"], "touchPoints": points})
+        session.detach()
+
+
+@contextmanager
+def screen(browser: Browser, url: str, *, size: tuple[int, int] = DESKTOP, touch: bool = False) -> Iterator[Screen]:
+    """Open the page in a fresh window of a size; on leaving, its console must not have said anything bad."""
+    with browser.new_context(viewport={"width": size[0], "height": size[1]}, has_touch=touch) as context:
+        opened = Screen(context.new_page(), url)
+        yield opened
+        assert opened.faults == []

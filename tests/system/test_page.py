@@ -1,0 +1,262 @@
+"""The operator's page in a real browser: the server, a robot client and the simulator are behind it."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser
+from tests.server.waiting import eventually
+
+from revnm_client import keys
+from revnm_client.link import open_client
+
+from .screen import DESKTOP, PHONE, PHONE_ON_ITS_SIDE, Screen, chromium, screen
+from .speed_gauge import SpeedGauge
+from .stage import CAMERA, SCENARIO, Stage, stage
+
+LENS = "lens"  # the name under which the simulator publishes its pictures
+STANDS_WITHIN_S = 1.0
+BADGE_WITHIN_S = 3.0
+AUDIT = Path(__file__).with_name("page_audit.js").read_text()
+
+
+class Cable:
+    """Carries pictures from the simulator to the server's camera, until it is pulled."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._plugged = threading.Event()
+        self._plugged.set()
+        self._opened = open_client([endpoint])
+        session = self._opened.__enter__()
+        out = keys.image(CAMERA)
+        self._subscriber = session.declare_subscriber(
+            keys.image(LENS), lambda sample: session.put(out, sample.payload) if self._plugged.is_set() else None
+        )
+
+    def pull(self) -> None:
+        self._plugged.clear()
+
+    def plug(self) -> None:
+        self._plugged.set()
+
+    def close(self) -> None:
+        self._subscriber.undeclare()
+        self._opened.__exit__(None, None, None)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def running(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Stage, Cable]]:
+    """Everything at work; the browser is asked for first, so that nothing is started in vain without one."""
+    with stage(tmp_path_factory.mktemp("page"), camera=LENS) as system:
+        cable = Cable(system.endpoint)
+        eventually(system.ready, within_s=30.0)
+        yield system, cable
+        cable.close()
+
+
+@pytest.fixture
+def system(running: tuple[Stage, Cable]) -> Stage:
+    """The stage, its robot standing, free and without a goal."""
+    system, cable = running
+    cable.plug()
+    system.call("POST", "/api/v1/robots/rover/stop")
+    system.call("POST", "/api/v1/robots/rover/resume")
+    eventually(lambda: system.rover()["status"] == "no_goal", within_s=10.0)
+    SpeedGauge(system.simulation).wait_standing(within_s=10.0)
+    return system
+
+
+def pixel_near(system: Stage, distance_m: float) -> tuple[float, float]:
+    """The pixel of a place so far from the robot, as nearly ahead as the hall has room."""
+    pose = system.simulation.true_pose
+    for turn in sorted(np.arange(-3.1, 3.2, 0.2), key=abs):
+        x, y = pose.apply(distance_m * np.array([[math.cos(turn), math.sin(turn)]]))[0]
+        if abs(x) < 2.3 and -1.5 < y < 0.9:
+            (u, v), _ = SCENARIO.camera.project(np.array([x, y, 0.0]))
+            return float(u), float(v)
+    raise AssertionError(f"no place {distance_m} m from {pose}")
+
+
+def goal_m(system: Stage) -> tuple[float, float]:
+    """Where on the floor the goal is that the server has."""
+    goal = system.rover()["goal"]
+    ray = SCENARIO.camera.project(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))[0]
+    # The camera looks straight down: pixels are linear in the floor's places.
+    columns = np.stack([ray[1] - ray[0], ray[2] - ray[0]], axis=1)
+    x, y = np.linalg.solve(columns, np.array([goal["u"], goal["v"]]) - ray[0])
+    return float(x), float(y)
+
+
+def start_driving(shown: Screen, system: Stage) -> None:
+    shown.page.mouse.click(*shown.place(pixel_near(system, 2.0)))
+    SpeedGauge(system.simulation).wait_faster(0.2, within_s=10.0)
+
+
+def test_a_click_is_previewed_and_the_robot_arrives(browser: Browser, system: Stage) -> None:
+    with screen(browser, system.url) as shown:
+        shown.wait_live()
+        target = pixel_near(system, 1.0)
+        shown.page.mouse.move(*shown.place(target))
+        shown.page.mouse.down()
+        assert "Release" in shown.text("hint")
+        assert [255, 204, 51] in shown.ink("overlay")
+        assert system.rover()["goal"] is None
+        shown.page.mouse.up()
+        goal = eventually(lambda: system.rover()["goal"])
+        assert math.dist((goal["u"], goal["v"]), target) < 2.0
+        shown.wait("document.getElementById('status').textContent === 'Driving'")
+        assert not shown.page.locator("#hint").is_visible()
+        shown.wait("document.getElementById('status').textContent === 'Arrived'", within_s=30.0)
+        pose = system.simulation.true_pose
+        assert math.dist((pose.x_m, pose.y_m), goal_m(system)) < 0.3
+        assert "Arrived" in shown.text("spoken")
+        assert not system.simulation.had_contact
+
+
+@pytest.mark.parametrize("way", ["button", "space"])
+def test_stop_makes_the_robot_stand_within_a_second(browser: Browser, system: Stage, way: str) -> None:
+    gauge = SpeedGauge(system.simulation)
+    with screen(browser, system.url) as shown:
+        shown.wait_live()
+        start_driving(shown, system)
+        pressed_s = time.monotonic()
+        if way == "space":
+            shown.page.locator("input[value=depth]").focus()  # a control that would take the bar for itself
+            shown.page.keyboard.press("Space")
+        else:
+            shown.page.locator("#stop").click()
+        assert gauge.wait_standing(within_s=5.0) - pressed_s < STANDS_WITHIN_S
+        shown.wait("document.getElementById('status').textContent === 'Stopped'")
+        assert shown.page.locator("input[value=exo]").is_checked()
+        assert system.rover()["goal"] is None
+        # A goal is refused in words.
+        shown.page.mouse.click(*shown.place((320, 240)))
+        shown.wait("document.getElementById('message').textContent.includes('resume it')")
+        shown.faults.clear()  # the browser reports the refusal
+        shown.page.locator("#resume").click()
+        shown.wait("document.getElementById('status').textContent === 'No goal'")
+
+
+def test_drags_and_escape_set_no_goal(browser: Browser, system: Stage) -> None:
+    with screen(browser, system.url) as shown:
+        shown.wait_live()
+        x, y = shown.place(pixel_near(system, 1.0))
+        mouse = shown.page.mouse
+        mouse.move(x, y)
+        mouse.down()
+        mouse.move(x + 30, y)
+        assert not shown.page.locator("#hint").is_visible()
+        mouse.move(x, y)  # coming back is no click
+        mouse.up()
+        mouse.down()
+        shown.page.keyboard.press("Escape")
+        mouse.up()
+        mouse.click(x, y, button="right")
+        assert system.rover()["goal"] is None
+        mouse.move(x, y)
+        mouse.down()
+        mouse.move(x + 3, y)  # a hand that shakes
+        mouse.up()
+        eventually(lambda: system.rover()["goal"])
+
+
+def test_the_keyboard_alone_is_enough(browser: Browser, system: Stage) -> None:
+    with screen(browser, system.url) as shown:
+        shown.wait_live()
+        press = shown.page.keyboard.press
+        for _ in range(10):
+            press("Tab")
+            if shown.page.evaluate("document.activeElement.id") == "overlay":
+                break
+        press("ArrowRight")  # the crosshair begins at the robot
+        u, v = system.rover()["pixel"]
+        for key in ("ArrowUp", "ArrowRight", "Shift+ArrowRight", "Shift+ArrowRight"):
+            press(key)
+        assert "Enter" in shown.text("hint")
+        press("Enter")
+        goal = eventually(lambda: system.rover()["goal"])
+        assert math.dist((goal["u"], goal["v"]), (u + 84, v - 4)) < 2.0  # steps of 4 px, and of 40
+        SpeedGauge(system.simulation).wait_faster(0.1, within_s=10.0)
+        press("Space")
+        shown.wait("document.getElementById('status').textContent === 'Stopped'")
+        shown.page.locator("#resume").focus()
+        press("Enter")
+        shown.wait("document.getElementById('status').textContent === 'No goal'")
+        shown.page.locator("#overlay").focus()
+        press("ArrowUp")
+        press("Escape")
+        press("Enter")
+        assert system.rover()["goal"] is None
+
+
+def test_a_dead_camera_is_told_at_once_and_so_is_its_return(
+    browser: Browser, running: tuple[Stage, Cable], system: Stage
+) -> None:
+    _, cable = running
+    with screen(browser, system.url) as shown:
+        shown.wait_live()
+        cable.pull()
+        pulled_s = time.monotonic()
+        shown.wait("document.getElementById('badge').classList.contains('bad')", within_s=BADGE_WITHIN_S)
+        assert time.monotonic() - pulled_s < BADGE_WITHIN_S
+        shown.wait("getComputedStyle(document.getElementById('picture')).filter.includes('grayscale(1)')")
+        assert "no new picture" in shown.text("notice")
+        cable.plug()
+        shown.wait_live()
+        shown.wait("getComputedStyle(document.getElementById('picture')).filter === 'none'")
+        assert not shown.page.locator("#notice").is_visible()
+
+
+def test_layers_are_shown_and_goals_are_set_in_the_cameras_pixels_only(browser: Browser, system: Stage) -> None:
+    with screen(browser, system.url) as shown:
+        shown.wait_live()
+        shown.page.get_by_label("Depth").check()
+        shown.wait("document.getElementById('picture').width === 640")
+        eventually(lambda: len(shown.ink("picture")) > 1000)
+        assert any(red > green + 60 for red, green, _ in shown.ink("picture"))  # the scene of the tiny model is bright
+        shown.page.get_by_label("Robot’s view").check()
+        shown.wait("document.getElementById('notice').textContent.includes('no imagined view')", within_s=10.0)
+        shown.faults.clear()  # the browser reports the refusal
+        assert not shown.page.locator("#overlay").is_visible()
+        start = shown.page.locator("#view").bounding_box()
+        assert start is not None
+        shown.page.mouse.click(start["x"] + start["width"] / 2, start["y"] + start["height"] / 2)
+        assert "camera" in shown.text("hint")
+        assert system.rover()["goal"] is None
+
+
+def test_a_phone_has_stop_in_view_and_taps_but_does_not_mistake_a_swipe(browser: Browser, system: Stage) -> None:
+    with screen(browser, system.url, size=PHONE, touch=True) as shown:
+        shown.wait_live()
+        x, y = shown.place(pixel_near(system, 1.0))
+        shown.touch(type="touchStart", x=x, y=y)
+        for step in range(1, 6):
+            shown.touch(type="touchMove", x=x, y=y + 12 * step)
+        shown.touch(type="touchEnd")
+        assert system.rover()["goal"] is None
+        shown.page.touchscreen.tap(x, y)
+        eventually(lambda: system.rover()["goal"])
+        shown.page.locator("#stop").tap()
+        shown.wait("document.getElementById('status').textContent === 'Stopped'")
+
+
+@pytest.mark.parametrize("size", [DESKTOP, PHONE, PHONE_ON_ITS_SIDE])
+def test_everything_has_a_name_contrast_and_room(browser: Browser, system: Stage, size: tuple[int, int]) -> None:
+    with screen(browser, system.url, size=size) as shown:
+        shown.wait_live()
+        assert shown.page.evaluate(AUDIT) == []
+        system.call("POST", "/api/v1/robots/rover/stop")
+        shown.wait("document.getElementById('status').textContent === 'Stopped'")
+        assert shown.page.evaluate(AUDIT) == []
