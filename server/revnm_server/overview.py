@@ -171,7 +171,7 @@ class Overview:
         trouble = _camera_trouble(status) if status.state is not CameraState.RUNNING else fault
         routes, scans = (site.routes, site.scans) if site is not None else ({}, {})
         lasts = {
-            robot: _Last(*(known.get(robot) for known in (seen, sent, latencies, routes, scans)))
+            robot: _Last(seen.get(robot), sent.get(robot), latencies.get(robot), routes.get(robot), scans.get(robot))
             for robot in self._mission.names
         }
         robots = [self._robot(robot, status, trouble, last) for robot, last in lasts.items()]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from typing import NamedTuple
 
 import cv2
@@ -97,7 +98,7 @@ class Layers:
         self.exo = self._shared(self._seen)
         self.depth = self._shared(self._deep)
         self.map = self._shared(self._mapped)
-        self.ego = {robot: self._shared(lambda robot=robot: self._imagined(robot)) for robot in service.mission.names}
+        self.ego = {robot: self._shared(partial(self._imagined, robot)) for robot in service.mission.names}
 
     def _shared(self, newest: Callable[[], Drawing | None]) -> SharedPictures:
         return SharedPictures(newest, closing=lambda: self._service.closing)
