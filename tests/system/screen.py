@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
 
 from .stage import SCENARIO
 
@@ -46,14 +46,19 @@ def chromium() -> Iterator[Browser]:
 class Screen:
     """The page in a window of its own."""
 
-    def __init__(self, page: Page, url: str, *, faults: list[str] | None = None) -> None:
-        """Wrap a page of the server at an address; what its console says of faults is gathered in ``faults``."""
+    def __init__(self, page: Page, url: str) -> None:
+        """Open the page of the server at an address; what its console says of faults is gathered in ``faults``."""
         self.page = page
-        self.faults = faults if faults is not None else []
+        self.faults: list[str] = []
         page.set_default_timeout(15_000)
         page.on("pageerror", lambda error: self.faults.append(str(error)))
-        page.on("console", lambda line: self.faults.append(line.text) if line.type in ("error", "warning") else None)
+        page.on("console", self._hear)
         page.goto(url, wait_until="domcontentloaded")
+
+    def _hear(self, line: ConsoleMessage) -> None:
+        """Keep what the console says; that the server refused something is no fault of the page."""
+        if line.type in ("error", "warning") and not line.text.startswith("Failed to load resource"):
+            self.faults.append(line.text)
 
     def wait_live(self, *, within_s: float = 15.0) -> None:
         """Wait until the badge says that the picture is live."""
@@ -76,17 +81,18 @@ class Screen:
         top = box["y"] + (box["height"] - _PICTURE_PX[1] * scale) / 2
         return left + pixel[0] * scale, top + pixel[1] * scale
 
-    def ink(self, canvas: str) -> list[list[int]]:
-        """Return the colours (r, g, b) of every pixel of a canvas on which something is drawn."""
-        script = """canvas => {
-            const {data} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
-            const found = [];
-            for (let i = 0; i < data.length; i += 4)
-                if (data[i + 3] > 200) found.push([data[i], data[i + 1], data[i + 2]]);
+    def count(self, canvas: str, condition: str) -> int:
+        """Return how many pixels of a canvas fulfil a condition of JavaScript on ``r, g, b, a``, each in 0..255."""
+        script = f"""canvas => {{
+            const {{data}} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+            let found = 0;
+            for (let i = 0; i < data.length; i += 4) {{
+                const [r, g, b, a] = [data[i], data[i + 1], data[i + 2], data[i + 3]];
+                if ({condition}) found++;
+            }}
             return found;
-        }"""
-        colours: list[list[int]] = self.page.locator(f"#{canvas}").evaluate(script)
-        return colours
+        }}"""
+        return int(self.page.locator(f"#{canvas}").evaluate(script))
 
     def touch(self, **at: Any) -> None:
         """Send a touch of one finger, as the hardware would: ``type`` and, but at the end, ``x`` and ``y``."""
