@@ -6,10 +6,10 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+from tests.server.waiting import eventually
 
 from .stage import SCENARIO
 
@@ -65,8 +65,8 @@ class Screen:
         self.wait("document.getElementById('badge').textContent === 'live'", within_s=within_s)
 
     def wait(self, condition: str, *, within_s: float = 15.0) -> None:
-        """Wait until an expression of JavaScript is true."""
-        self.page.wait_for_function(condition, timeout=1000.0 * within_s, polling=50)
+        """Wait until an expression of JavaScript is true. From outside: the page itself may evaluate nothing."""
+        eventually(lambda: self.page.evaluate(condition), within_s=within_s)
 
     def text(self, name: str) -> str:
         """Return the text of an element by its id."""
@@ -94,12 +94,22 @@ class Screen:
         }}"""
         return int(self.page.locator(f"#{canvas}").evaluate(script))
 
-    def touch(self, **at: Any) -> None:
-        """Send a touch of one finger, as the hardware would: ``type`` and, but at the end, ``x`` and ``y``."""
+    def says(self, name: str, words: str, *, within_s: float = 15.0) -> None:
+        """Wait until the text of an element, by its id, contains the words."""
+        self.wait(f"document.getElementById({name!r}).textContent.includes({words!r})", within_s=within_s)
+
+    def hides(self, name: str) -> None:
+        """Wait until an element, by its id, is not to be seen."""
+        self.wait(f"document.getElementById({name!r}).getClientRects().length === 0")
+
+    def swipe(self, x: float, y: float, *, down_px: float) -> None:
+        """Put a finger on the screen, draw it down and lift it, as the hardware would tell it."""
         session = self.page.context.new_cdp_session(self.page)
-        points = [{"x": at["x"], "y": at["y"]}] if "x" in at else []
-        session.send("Input.dispatchTouchEvent", {"type": at["type"], "touchPoints": points})
-        session.detach()
+        session.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+        for share in (0.2, 0.4, 0.6, 0.8, 1.0):
+            at = {"x": x, "y": y + share * down_px}
+            session.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [at]})
+        session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
 
 @contextmanager

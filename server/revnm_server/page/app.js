@@ -20,6 +20,7 @@ const SPEAK_EVERY_MS = 1500;
 let wanted = null; // name of the robot that was chosen last
 let layer = "exo";
 let spokenAt = 0;
+let due = false; // whether a frame is to be drawn
 
 const server = new Server({ onState: render, onMessage: (text) => setText($("message"), text) });
 const stream = new PictureStream($("picture"), () => $("view").classList.contains("stale") && render());
@@ -64,7 +65,14 @@ function stop({ all = false } = {}) {
   for (const robot of server.state?.robots ?? []) if (all || robot === chosen()) server.stop(robot.name);
 }
 
+/** Show what is known, once a frame at most: where drawing is slow, what has come meanwhile is passed over. */
 function render() {
+  if (!due) requestAnimationFrame(draw);
+  due = true;
+}
+
+function draw() {
+  due = false;
   const [state, quiet] = [server.state, server.quiet];
   document.body.classList.toggle("stale", quiet);
   document.body.classList.toggle("watch", !mayOperate());
