@@ -56,7 +56,7 @@ class Screen:
         page.goto(url, wait_until="domcontentloaded")
 
     def _hear(self, line: ConsoleMessage) -> None:
-        """Keep what the console says, but for refusals of the server, and for advice on how these tests read canvases."""
+        """Keep what the console says, but for refusals of the server, and advice on how these tests read canvases."""
         harmless = ("Failed to load resource", "Canvas2D: Multiple readback")
         if line.type in ("error", "warning") and not line.text.startswith(harmless):
             self.faults.append(line.text)
