@@ -76,11 +76,11 @@ function draw() {
   const [state, quiet] = [server.state, server.quiet];
   document.body.classList.toggle("stale", quiet);
   document.body.classList.toggle("watch", !mayOperate());
-  const trouble = pictureTrouble();
-  $("view").classList.toggle("stale", trouble !== "");
-  $("view").classList.toggle("aligned", isAligned());
-  setText($("notice"), trouble);
-  $("notice").hidden = trouble === "";
+  const [trouble, lack] = [pictureTrouble(), layerLack()];
+  $("view").classList.toggle("stale", trouble + lack !== "");
+  setText($("notice"), trouble || lack);
+  $("notice").classList.toggle("calm", trouble === "");
+  $("notice").hidden = trouble + lack === "";
   showBadge(trouble);
   if (!state) return;
   const robot = chosen();
@@ -102,9 +102,16 @@ function pictureTrouble() {
   if (!camera) return "";
   if (camera.state !== "running") return `Camera: ${camera.reason}`;
   const behindMs = camera.frame_stamp_ms - (stream.stampMs ?? NaN);
+  if (layerLack()) return "";
   if (behindMs > BEHIND_MS) return `The picture is ${(behindMs / 1000).toFixed(0)} s behind`;
-  if (stream.trouble) return stream.trouble;
   return stream.stalled ? "No new picture comes" : "";
+}
+
+/** Why there is nothing to see of a layer, though all is well; empty where there is. */
+function layerLack() {
+  const robot = chosen();
+  if (layer === "ego" && robot && robot.status !== "driving") return `What ${robot.name} would see is imagined while it drives`;
+  return stream.trouble;
 }
 
 function showBadge(trouble) {

@@ -74,7 +74,7 @@ function showFacts(robot, state) {
     "Robot seen": ago(robot.sighting_age_s),
     "Robot heard": ago(robot.robot_state_age_s),
     "Plan": robot.plan_age_s === null ? "none yet" : ago(robot.plan_age_s),
-    "Clocks apart": milliseconds(robot.clock_offset_ms),
+    "Clocks apart": milliseconds(robot.clock_offset_ms === null ? null : Math.abs(robot.clock_offset_ms)),
     "Picture": age === null ? "none yet" : `${ago(age)}${fps ? `, ${fps.toFixed(0)} fps` : ""}`,
     ...(calibration && { "Calibration": calibrated(calibration) }),
   };
@@ -102,7 +102,7 @@ function showBars(robot, state) {
 }
 
 function milliseconds(value) {
-  return value === null ? "–" : `${Math.abs(value) < 10 ? value.toFixed(1) : value.toFixed(0)} ms`;
+  return value === null ? "–" : `${value < 10 ? value.toFixed(1) : value.toFixed(0)} ms`;
 }
 
 function ago(seconds) {
