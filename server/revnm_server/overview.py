@@ -242,7 +242,7 @@ class Overview:
             wanted, held=held, driving=driving, trouble=trouble or led or _sighting_trouble(seen_age_s)
         )
         if does == "driving":
-            reason = _robot_trouble(link) or led or None
+            reason = "; ".join(text for text in (_robot_trouble(link), led) if text) or None
         shown = last.sent if does == "driving" else None
         return RobotView(
             name=robot,
