@@ -84,7 +84,8 @@ async def _look(server: tuple[str, int], viewers: int, requests: int, seconds: f
     """
     load = _Load()
     jobs: list[Coroutine[Any, Any, None]] = [_view(server, load) for _ in range(viewers)]
-    jobs += [_ask(server, load, _LANES / requests) for _ in range(_LANES if requests else 0)]
+    lanes = min(_LANES, requests)  # each asks once a second at least: the server ends connections that are idle
+    jobs += [_ask(server, load, lanes / requests) for _ in range(lanes)]
     tasks = [asyncio.ensure_future(job) for job in jobs]
     if not tasks:
         await asyncio.sleep(seconds)
