@@ -110,8 +110,8 @@ function pictureTrouble() {
 /** Why there is nothing to see of a layer, though all is well; empty where there is. */
 function layerLack() {
   const robot = chosen();
-  if (layer === "ego" && robot && robot.status !== "driving") return `What ${robot.name} would see is imagined while it drives`;
-  return stream.trouble;
+  const idle = layer === "ego" && robot && robot.status !== "driving";
+  return idle ? `What ${robot.name} would see is imagined while it drives` : stream.trouble;
 }
 
 function showBadge(trouble) {
@@ -135,7 +135,8 @@ function preview() {
 function showHint() {
   const keys = picker.target && !picker.pressed;
   const text = !isAligned() ? "Goals are set in the camera’s picture."
-    : !picker.target ? "" : keys ? "Enter sends the robot here, Esc cancels." : "Release to send the robot here, Esc cancels.";
+    : !picker.target ? ""
+    : keys ? "Enter sends the robot here, Esc cancels." : "Release to send the robot here, Esc cancels.";
   setText($("hint"), text);
   $("hint").hidden = text === "";
 }

@@ -1,4 +1,4 @@
-// Draws what a robot's LiDAR sees around it: the robot in the middle, its front up, its plan, and how far it needs to stop.
+// Draws what a robot's LiDAR sees around it: the robot in the middle, its front up, its plan, and its way to a stop.
 
 import { fitted, GOAL, LOST, PATH, SEEN } from "./overlay.js";
 

@@ -56,7 +56,7 @@ export function drawOverlay(canvas, state, { chosen, quiet, preview }) {
   if (preview) drawPreview(pen, preview, place.scale, size);
 }
 
-/** Where the robot would stand: its circle on the floor, if that is known, and a crosshair through the whole picture. */
+/** Where the robot would stand: its circle on the floor, if that is known, and a crosshair through the picture. */
 function drawPreview(pen, { target, ring, allowed }, scale, [width, height]) {
   const [x, y] = [target.u * scale, target.v * scale];
   const colour = allowed ? GOAL : LOST;

@@ -1,9 +1,14 @@
-// The panel beside the picture: the robots, what the chosen one does and why, what is known of it, how long things take.
+// The panel beside the picture: the robots, what the chosen one does and why, and how long things take.
 
 import { drawInset, insetCaption } from "./inset.js";
 
 export const STATUS = {
-  no_goal: "No goal", driving: "Driving", arrived: "Arrived", stopped: "Stopped", waiting: "Waiting", standing: "Standing",
+  no_goal: "No goal",
+  driving: "Driving",
+  arrived: "Arrived",
+  stopped: "Stopped",
+  waiting: "Waiting",
+  standing: "Standing",
 };
 const HINT = "Click or tap in the picture to send the robot there.";
 const LEAST_SCALE_MS = 100;
@@ -78,7 +83,9 @@ function showFacts(robot, state) {
     "Picture": age === null ? "none yet" : `${ago(age)}${fps ? `, ${fps.toFixed(0)} fps` : ""}`,
     ...(calibration && { "Calibration": calibrated(calibration) }),
   };
-  const made = rows($("facts"), "div", Object.keys(facts), (row, name) => row.append(element("dt", name), element("dd", "")));
+  const made = rows($("facts"), "div", Object.keys(facts), (row, name) => {
+    row.append(element("dt", name), element("dd", ""));
+  });
   Object.values(facts).forEach((value, i) => setText(made[i].lastChild, value));
 }
 
@@ -86,7 +93,8 @@ function showFacts(robot, state) {
 function showBars(robot, state) {
   const stages = STAGES.filter((stage) => state.timings_ms[stage]).map((stage) => [stage, state.timings_ms[stage]]);
   const trip = robot.round_trip_ms === null ? null : { p50: robot.round_trip_ms, p95: robot.round_trip_ms };
-  const all = [["picture → plan", robot.picture_to_plan_ms], ...stages, ["robot and back", trip]].filter(([, t]) => t);
+  const known = [["picture → plan", robot.picture_to_plan_ms], ...stages, ["robot and back", trip]];
+  const all = known.filter(([, timing]) => timing);
   const scale = Math.max(LEAST_SCALE_MS, ...all.map(([, timing]) => timing.p95));
   const made = rows($("bars"), "tr", all.map(([name]) => name), (row, name) => {
     const bar = element("td", "", "bar");

@@ -1,4 +1,4 @@
-// Shows a stream of pictures on a canvas, and knows how old what is shown is: an <img> would not say that it stands still.
+// Shows a stream of pictures on a canvas, and knows how old they are: an <img> would not say that it stands still.
 
 const STALLED_MS = 2500;
 const AGAIN_MS = 1000;
