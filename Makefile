@@ -2,6 +2,7 @@
 #             PLANNER=bev plans without the learnt policy
 # make check  format, lint, types, architecture
 # make test   all tests but the slow ones
+# make browser   installs Chromium (Debian, as root), without which the tests of the page are skipped
 # make train  makes data and trains the edge models from nothing (three hours on two cores), into runs/
 
 PYTHON ?= python3
@@ -12,7 +13,7 @@ SEED ?= 0
 JOBS ?= 2
 TRAIN := $(BIN)/revnm-train
 
-.PHONY: demo check format test test-slow train clean
+.PHONY: demo check format test test-slow browser train clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/revnm-sim demo --seed $(SEED) $(if $(HEADLESS),--headless) $(if $(PLANNER),--planner $(PLANNER))
@@ -33,6 +34,9 @@ test: $(VENV)/dev.stamp
 test-slow: $(VENV)/dev.stamp
 	$(PIP) --group slow
 	$(BIN)/pytest --quiet -m slow
+
+browser:
+	command -v chromium >/dev/null || { apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium fonts-dejavu-core; }
 
 train: $(VENV)/dev.stamp
 	$(TRAIN) synth --episodes 6000 --seed 20 --out data/edge --jobs $(JOBS)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from revnm_client.braking import stopping_poses
 from revnm_client.errors import ConfigError
 from revnm_client.geometry import FloatArray
 from revnm_client.messages import STANDSTILL, Odometry, Plan, Scan, Velocity
@@ -89,13 +90,17 @@ class RobotAgent:
         self._odometry_times: Times | None = None
         self._scan_times: Times | None = None
         self._offset_ns: int | None = None
+        self._round_trip_ns: int | None = None
         self._arrived = False
         self._last = Tick(STANDSTILL, "not started yet", 0.0)
         self._tick_ms: deque[float] = deque(maxlen=200)
 
-    def set_clock_offset(self, offset_ns: int | None) -> None:
-        """Set the server's clock minus the robot's; None: unknown, and the robot stands."""
-        self._offset_ns = offset_ns
+    def set_clock_offset(self, offset_ns: int | None, *, round_trip_ns: int | None = None) -> None:
+        """Set the server's clock minus the robot's, and how long the exchange took that told it.
+
+        None: unknown. The robot stands where the offset is; the round trip is only shown.
+        """
+        self._offset_ns, self._round_trip_ns = offset_ns, round_trip_ns
 
     def on_odometry(self, odometry: Odometry, received_ns: int) -> None:
         """Take in odometry. If its frame began anew, remembered obstacles and the plan are dropped."""
@@ -185,6 +190,8 @@ class RobotAgent:
             "tick_p50_ms": None if math.isnan(p50) else round(float(p50), 3),
             "tick_p95_ms": None if math.isnan(p95) else round(float(p95), 3),
             "clock_offset_ms": None if self._offset_ns is None else round(self._offset_ns * 1e-6, 3),
+            "round_trip_ms": None if self._round_trip_ns is None else round(self._round_trip_ns * 1e-6, 3),
+            "stopping_m": self._stopping_m(),
         }
 
     def _situation(self) -> Situation:
@@ -198,6 +205,12 @@ class RobotAgent:
             scan=self._scan_times,
             plan=plan,
         )
+
+    def _stopping_m(self) -> float:
+        """Return how far the robot still comes if it is told to stand next, and the margin it keeps then."""
+        braking, now = self._config.safety.braking, self._odometry.velocity
+        x, y, _ = stopping_poses(self._last.velocity, now, braking)[-1]
+        return round(math.hypot(x, y) + braking.margin_m, 3)
 
     def _drive(self, now_ns: int) -> Tick:
         """Ask the controller; the supervisor has agreed to driving as such."""

@@ -167,7 +167,8 @@ class RobotRunner:
         if self._jump.check(now_ns, time.monotonic_ns()):
             _log.warning("the wall clock was set: the server's time is asked for anew")
             wires.probe.forget()
-        self._agent.set_clock_offset(wires.probe.reading().offset_ns)
+        reading = wires.probe.reading()
+        self._agent.set_clock_offset(reading.offset_ns, round_trip_ns=reading.round_trip_ns)
         self._read(wires, now_ns)
         tick = self._agent.tick(now_ns)
         return tick.velocity, tick.reason

@@ -166,6 +166,7 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
             mission=mission,
             tick_hz=settings.perception.tick_hz,
             tag_size_m=settings.perception.tag_size_m,
+            robot_size_m=(settings.perception.robot_length_m, settings.perception.robot_width_m),
             notes=notes,
         )
         answers = stack.enter_context(_serving_http(service, settings.http, listener))
@@ -241,6 +242,7 @@ def _serving_http(
         ws_max_size=1024,
         ssl_certfile=settings.certificate,
         ssl_keyfile=settings.key,
+        ws_per_message_deflate=False,  # it would pack the same state anew for each who looks
     )
     try:
         config.load()

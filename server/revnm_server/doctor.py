@@ -110,8 +110,8 @@ def _link(robot: RobotView) -> Iterator[Finding]:
         yield Finding(Verdict.FAULT, subject, text)
         return
     yield Finding(Verdict.GOOD, subject, f"heard {robot.robot_state_age_s:.1f} s ago")
-    offset_ms = robot.robot_state.get("clock_offset_ms")
-    if isinstance(offset_ms, bool | str) or offset_ms is None:
+    offset_ms = robot.clock_offset_ms
+    if offset_ms is None:
         text = "the robot does not know by how much its clock differs from the server's: it will not move"
         yield Finding(Verdict.FAULT, f"{robot.name}: clock", text)
     elif abs(offset_ms) > _LARGEST_OFFSET_MS:

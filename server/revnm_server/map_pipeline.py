@@ -13,6 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 import numpy as np
 
 from revnm_client.geometry import FloatArray
+from revnm_client.messages import Scan
 from revnm_server.calibration.calibrator import CalibrationState, Calibrator
 from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.floor_camera import FloorCamera
@@ -71,6 +72,7 @@ class MapPipeline:
         self._navigator: MapNavigator
         self._site: SiteMap
         self._last_seen: dict[str, RobotSighting] = {}
+        self._last_scans: dict[str, Scan] = {}
         self._threads = ThreadPoolExecutor(max_workers=2, thread_name_prefix="beside-tick")
         self._thought: Future[_Thought] | None = None
 
@@ -172,6 +174,7 @@ class MapPipeline:
                 self._navigator.hear_odometry(robot, odometry)
             for scan in heard.scans:
                 self._navigator.hear_scan(robot, scan)
+                self._last_scans[robot] = scan
 
     def _begin(self, size_px: tuple[int, int]) -> None:
         """Begin with a camera of which nothing is known but the size of its picture."""
@@ -197,6 +200,7 @@ class MapPipeline:
             routes={robot: _site_route(route, tick.calibration.camera) for robot, route in tick.routes.items()},
             warnings=self._warnings(tick.calibration),
             rejected=rejected,
+            scans=dict(self._last_scans),
         )
 
     def _warnings(self, calibration: CalibrationState) -> tuple[str, ...]:

@@ -92,8 +92,7 @@ def _robots(robots: list[RobotView]) -> Iterator[Metric]:
 
 
 def _clock_offset_s(robot: RobotView) -> float | None:
-    offset_ms = (robot.robot_state or {}).get("clock_offset_ms")
-    return offset_ms / _MS_PER_S if isinstance(offset_ms, int | float) else None
+    return robot.clock_offset_ms / _MS_PER_S if robot.clock_offset_ms is not None else None
 
 
 def _stages(stages_ms: dict[str, tuple[int, float]]) -> Metric:

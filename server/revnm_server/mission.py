@@ -116,6 +116,12 @@ class Mission:
         return tuple(self._robots)
 
     @property
+    def version(self) -> int:
+        """Counts the changes of what is wanted."""
+        with self._lock:
+            return self._version
+
+    @property
     def save_error(self) -> str | None:
         """Why the last change could not be written, if it could not."""
         return self._file.error if self._file is not None else None

@@ -11,6 +11,7 @@ import numpy as np
 
 from revnm_client import keys
 from revnm_client.geometry import FloatArray
+from revnm_client.messages import Scan
 from revnm_server.camera import CameraSource, CameraState, CameraStatus
 from revnm_server.frame import RobotSighting
 from revnm_server.mission import Goal, Mission, RobotMission
@@ -29,12 +30,14 @@ from revnm_server.view import (
     TimingView,
     pairs,
     path_in_picture,
+    scan_view,
 )
 
 _DRIVING_S = 0.5
 _ALIVE_S = 3.0
 _MAX_FAULT_LENGTH = 300
 _HANGS_S = 2.0
+_LATENCY = "picture_to_plan"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +46,13 @@ class SentPlan:
 
     Attributes:
         at_s: When, monotonic clock.
+        stamp_ns: Capture of the picture that it was made from, server's clock.
         waypoints_m: (H, 2) in the robot's frame.
         sighting: Where the robot was seen then or lately; None if it is known by its odometry only.
     """
 
     at_s: float
+    stamp_ns: int
     waypoints_m: FloatArray
     sighting: RobotSighting | None
 
@@ -67,14 +72,30 @@ class Tally:
     plans: dict[str, int]
 
 
+@dataclass(frozen=True, slots=True)
+class SeenTick:
+    """A tick that worked, for those who draw it.
+
+    Attributes:
+        stamp_ns: Capture of its picture, server's clock.
+        size_px: Width and height of that picture.
+        result: What it gave.
+    """
+
+    stamp_ns: int
+    size_px: tuple[int, int]
+    result: TickResult
+
+
 @dataclass(slots=True)
 class _Known:
     """What the ticks have left; guarded by the overview's lock."""
 
+    tick: SeenTick | None = None
     timings: Timings = field(default_factory=Timings)
+    latencies: dict[str, Timings] = field(default_factory=dict)
     seen: dict[str, RobotSighting] = field(default_factory=dict)
     sent: dict[str, SentPlan] = field(default_factory=dict)
-    site: SiteReport | None = None
     fault: str | None = None
     failures: int = 0
     plans: dict[str, int] = field(default_factory=dict)
@@ -87,7 +108,9 @@ class _Last:
 
     seen: RobotSighting | None
     sent: SentPlan | None
+    latency: TimingView | None
     route: SiteRoute | None
+    scan: Scan | None
 
 
 class Overview:
@@ -99,6 +122,7 @@ class Overview:
         links: For what the robots say.
         courier: For what they replied.
         tag_size_m: Side of the robots' tags, for drawing paths.
+        robot_size_m: Length and width of a robot, for drawing it.
         notes: Warnings that hold all the time.
     """
 
@@ -110,13 +134,14 @@ class Overview:
         courier: OrderCourier,
         *,
         tag_size_m: float,
+        robot_size_m: tuple[float, float],
         notes: Sequence[str] = (),
     ) -> None:
         self._camera = camera
         self._mission = mission
         self._links = links
         self._courier = courier
-        self._tag_size_m = tag_size_m
+        self._tag_size_m, self._robot_size_m = tag_size_m, robot_size_m
         self._notes = tuple(notes)
         self._lock = threading.Lock()
         self._known = _Known()
@@ -138,12 +163,16 @@ class Overview:
         age_s = time.monotonic() - since_s if since_s is not None else 0.0
         return age_s if age_s > _HANGS_S else None
 
-    def note_tick(self, result: TickResult, sent: Mapping[str, SentPlan]) -> None:
+    def note_tick(self, tick: SeenTick, sent: Mapping[str, SentPlan]) -> None:
         """Remember a tick that worked and what it published."""
+        result, now_ns = tick.result, time.time_ns()
         with self._lock:
             self._known.fault = None
-            self._known.site = result.site
+            self._known.tick = tick
             self._known.timings.add(result.timings_ms)
+            for robot, plan in sent.items():
+                kept = self._known.latencies.setdefault(robot, Timings())
+                kept.add({_LATENCY: (now_ns - plan.stamp_ns) / 1e6})
             self._known.seen.update({s.robot: s for s in result.sightings if s.robot in self._links})
             self._known.sent.update(sent)
             for robot in sent:
@@ -159,8 +188,13 @@ class Overview:
 
     def site(self) -> SiteReport | None:
         """Return the last tick's report of the camera and its map, if it made one."""
+        tick = self.tick()
+        return tick.result.site if tick is not None else None
+
+    def tick(self) -> SeenTick | None:
+        """Return the last tick that worked."""
         with self._lock:
-            return self._known.site
+            return self._known.tick
 
     def tally(self) -> Tally:
         """Return what was counted since the start."""
@@ -174,15 +208,18 @@ class Overview:
         with self._lock:
             known = self._known
             fault, timings = known.fault, known.timings.view()
-            seen, sent, site = dict(known.seen), dict(known.sent), known.site
+            latencies = {robot: kept.view()[_LATENCY] for robot, kept in known.latencies.items()}
+            seen, sent = dict(known.seen), dict(known.sent)
+            site = known.tick.result.site if known.tick is not None else None
         hangs_s = self.hangs_s()
         fault = fault if hangs_s is None else f"the tick hangs: it has been at one picture for {hangs_s:.0f} s"
         trouble = _camera_trouble(status) if status.state is not CameraState.RUNNING else fault
-        routes = site.routes if site is not None else {}
-        robots = [
-            self._robot(robot, status, trouble, _Last(seen.get(robot), sent.get(robot), routes.get(robot)))
+        routes, scans = (site.routes, site.scans) if site is not None else ({}, {})
+        lasts = {
+            robot: _Last(seen.get(robot), sent.get(robot), latencies.get(robot), routes.get(robot), scans.get(robot))
             for robot in self._mission.names
-        ]
+        }
+        robots = [self._robot(robot, status, trouble, last) for robot, last in lasts.items()]
         return self._assemble(status, fault, robots, timings, site)
 
     def _assemble(
@@ -193,7 +230,7 @@ class Overview:
         timings: dict[str, TimingView],
         site: SiteReport | None,
     ) -> ServerView:
-        reasons = self._unready(status, fault)
+        reasons, frame = self._unready(status, fault), self._camera.latest()
         return ServerView(
             camera=CameraView(
                 url=self._camera.redacted_url,
@@ -201,6 +238,7 @@ class Overview:
                 size_px=status.size_px,
                 fps=_rounded(status.fps, 1),
                 frame_age_s=_rounded(status.frame_age_s, 3),
+                frame_stamp_ms=round(frame.stamp_ns / 1e6, 1) if frame is not None else None,
                 reason=status.reason,
                 calibration=CalibrationView.of(site.calibration) if site is not None else None,
             ),
@@ -210,6 +248,7 @@ class Overview:
             reasons=reasons,
             warnings=self._warnings(status, site),
             rejected=self._rejected(status) | (site.rejected if site is not None else {}),
+            robot_size_m=self._robot_size_m,
         )
 
     def _warnings(self, status: CameraStatus, site: SiteReport | None) -> list[str]:
@@ -239,7 +278,8 @@ class Overview:
 
     def _robot(self, robot: str, status: CameraStatus, trouble: str | None, last: _Last) -> RobotView:
         wanted, link, seen = self._mission.of(robot), self._links[robot], last.seen
-        seen_age_s = (time.time_ns() - seen.stamp_ns) / 1e9 if seen is not None else None
+        now_ns = time.time_ns()
+        seen_age_s = (now_ns - seen.stamp_ns) / 1e9 if seen is not None else None
         driving = last.sent is not None and time.monotonic() - last.sent.at_s <= _DRIVING_S
         led = last.route.reason if last.route is not None else ""
         held = link.state is not None and link.state["stopped"] is True
@@ -247,7 +287,7 @@ class Overview:
             wanted, held=held, driving=driving, trouble=trouble or led or _sighting_trouble(seen_age_s)
         )
         if does == "driving":
-            reason = _robot_trouble(link) or led or None
+            reason = "; ".join(text for text in (_robot_trouble(link), led) if text) or None
         shown = last.sent if does == "driving" else None
         return RobotView(
             name=robot,
@@ -260,6 +300,11 @@ class Overview:
             tag_px=_rounded(seen.side_px, 1) if seen is not None else None,
             path_px=pairs(self._path_px(shown, last.route), digits=1) if shown is not None else [],
             waypoints_m=pairs(shown.waypoints_m, digits=3) if shown is not None else [],
+            plan_age_s=round((now_ns - last.sent.stamp_ns) / 1e9, 3) if last.sent is not None else None,
+            picture_to_plan_ms=last.latency,
+            scan=scan_view(last.scan, now_ns=now_ns) if last.scan is not None else None,
+            clock_offset_ms=_told_ms(link, "clock_offset_ms"),
+            round_trip_ms=_told_ms(link, "round_trip_ms"),
             robot_state=link.state,
             robot_state_age_s=_rounded(link.state_age_s, 3),
             epoch=wanted.epoch,
@@ -304,6 +349,12 @@ def _robot_trouble(link: RobotLink) -> str | None:
     if link.state is None or link.state["moving"] or not link.state["reason"]:
         return None
     return f"robot: {link.state['reason']}"
+
+
+def _told_ms(link: RobotLink, key: str) -> float | None:
+    """Return a number of milliseconds that the robot tells of itself; None if it does not."""
+    told = link.state.get(key) if link.state is not None else None
+    return float(told) if isinstance(told, int | float) and not isinstance(told, bool) else None
 
 
 def _sighting_trouble(age_s: float | None) -> str:

@@ -20,7 +20,7 @@ from revnm_server.camera import CameraSource, CameraState
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.mission import Goal, Mission
 from revnm_server.orders import OrderCourier
-from revnm_server.overview import Overview, SentPlan, Tally
+from revnm_server.overview import Overview, SeenTick, SentPlan, Tally
 from revnm_server.pipeline import RobotPlan, TickResult
 from revnm_server.robot_link import RobotLink
 from revnm_server.site_report import SiteReport
@@ -50,6 +50,7 @@ class NavigationService:
         mission: What is wanted.
         tick_hz: Most ticks a second.
         tag_size_m: Side of the robots' tags, for drawing.
+        robot_size_m: Length and width of a robot, for drawing.
         notes: What is odd about how it was put together, for whoever looks.
     """
 
@@ -62,6 +63,7 @@ class NavigationService:
         mission: Mission,
         tick_hz: float = 10.0,
         tag_size_m: float = 0.30,
+        robot_size_m: tuple[float, float] = (0.43, 0.36),
         notes: Sequence[str] = (),
     ) -> None:
         self.camera = camera
@@ -70,7 +72,15 @@ class NavigationService:
         self._period_s = 1.0 / tick_hz
         self._links = {robot: RobotLink(session, robot) for robot in mission.names}
         self._courier = OrderCourier(session, mission)
-        self._overview = Overview(camera, mission, self._links, self._courier, tag_size_m=tag_size_m, notes=notes)
+        self._overview = Overview(
+            camera,
+            mission,
+            self._links,
+            self._courier,
+            tag_size_m=tag_size_m,
+            robot_size_m=robot_size_m,
+            notes=notes,
+        )
         self._publishing = threading.Lock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="tick", daemon=True)
@@ -130,6 +140,10 @@ class NavigationService:
         """Return what the last tick left of the camera and its map; None before that, and where no map is made."""
         return self._overview.site()
 
+    def last_tick(self) -> SeenTick | None:
+        """Return the last tick that worked, to be drawn; None before that."""
+        return self._overview.tick()
+
     def _run(self) -> None:
         seq = -1
         while not self._closing.is_set():
@@ -174,7 +188,7 @@ class NavigationService:
                 self.mission.note_arrival(robot, goals[robot].id)
         sent = {plan.robot: self._publish(plan, now_seen.get(plan.robot)) for plan in result.plans}
         published = {robot: plan for robot, plan in sent.items() if plan is not None}
-        self._overview.note_tick(result, published)
+        self._overview.note_tick(SeenTick(frame.stamp_ns, frame.size_px, result), published)
 
     def _publish(self, plan: RobotPlan, sighting: RobotSighting | None) -> SentPlan | None:
         """Send a plan if it is still fresh and still wanted."""
@@ -187,4 +201,4 @@ class NavigationService:
                 return None
             message = Plan(plan.stamp_ns, plan.waypoints_m, number.epoch, number.seq, plan.goal_id)
             self._links[plan.robot].publish(message)
-        return SentPlan(time.monotonic(), plan.waypoints_m, sighting)
+        return SentPlan(time.monotonic(), plan.stamp_ns, plan.waypoints_m, sighting)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from revnm_client.geometry import FloatArray, Pose2
+from revnm_client.messages import Scan
 from revnm_server.calibration.calibrator import CalibrationState
 from revnm_server.floor_grid import FloorGrid
 
@@ -40,6 +41,7 @@ class SiteReport:
         routes: By robot, for those that have a goal.
         warnings: What an operator should know.
         rejected: Number of the robots' payloads that were refused, by key.
+        scans: The newest scan of each robot that sends any, stamped in the server's clock.
     """
 
     stamp_ns: int
@@ -49,3 +51,4 @@ class SiteReport:
     routes: dict[str, SiteRoute]
     warnings: tuple[str, ...]
     rejected: dict[str, int]
+    scans: dict[str, Scan] = field(default_factory=dict)

@@ -12,16 +12,36 @@ import numpy as np
 
 from revnm_client.geometry import FloatArray
 from revnm_client.json_payload import Scalar
+from revnm_client.messages import Scan
 from revnm_server.calibration.calibrator import CalibrationState
+from revnm_server.floor_camera import FloorCamera
 from revnm_server.frame import RobotSighting
 from revnm_server.tag_plane import TagPlane
 
 _TIMINGS_KEPT = 200
 _FARTHEST_PX = 20_000.0
+_MOST_SCAN_POINTS = 180
 
 Pair = tuple[float, float]
 Status = Literal["no_goal", "driving", "arrived", "stopped", "waiting"]
 """What a robot is doing; ``waiting`` has a goal and gets no plan."""
+
+
+@dataclass(frozen=True, slots=True)
+class FloorCameraView:
+    """A camera over the floor, as :class:`revnm_server.floor_camera.FloorCamera` describes it."""
+
+    focal_px: float
+    pitch_rad: float
+    roll_rad: float
+    height_m: float
+    distortion: float
+
+    @classmethod
+    def of(cls, camera: FloorCamera) -> FloorCameraView:
+        """Return what there is to show of a camera."""
+        numbers = (camera.focal_px, camera.pitch_rad, camera.roll_rad, camera.height_m, camera.distortion)
+        return cls(*(round(number, 5) for number in numbers))
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +54,7 @@ class CalibrationView:
         spread_1_m_cm: Standard deviation of a place on the floor 1 m from the robot seen last; None if unknown.
         spread_2_m_cm: The same at 2 m.
         event: What happened last that a person should know.
+        camera: Where a pixel lies on the floor, once it is ``good``: pictures of ``CameraView.size_px``.
     """
 
     status: Literal["unknown", "learning", "good"]
@@ -41,6 +62,7 @@ class CalibrationView:
     spread_1_m_cm: float | None
     spread_2_m_cm: float | None
     event: str | None
+    camera: FloorCameraView | None = None
 
     @classmethod
     def of(cls, state: CalibrationState) -> CalibrationView:
@@ -49,14 +71,16 @@ class CalibrationView:
             round(100.0 * spread_m, 1) if math.isfinite(spread_m) else None
             for spread_m in (state.spread_1_m, state.spread_2_m)
         )
-        return cls(state.status, round(state.progress, 3), one, two, state.event)
+        known = FloorCameraView.of(state.camera) if state.camera is not None and state.status == "good" else None
+        return cls(state.status, round(state.progress, 3), one, two, state.event, known)
 
 
 @dataclass(frozen=True, slots=True)
 class CameraView:
     """The camera: ``frame_age_s`` since the newest picture came; ``reason`` why it is not running.
 
-    ``calibration`` is None where no map is made.
+    ``frame_stamp_ms`` is when that was taken, milliseconds since the epoch, server's clock: who sees a picture of the
+    stream knows by it how far behind the stream is. ``calibration`` is None where no map is made.
     """
 
     url: str
@@ -64,6 +88,7 @@ class CameraView:
     size_px: tuple[int, int] | None
     fps: float | None
     frame_age_s: float | None
+    frame_stamp_ms: float | None
     reason: str | None
     calibration: CalibrationView | None = None
 
@@ -75,6 +100,14 @@ class GoalView:
     u: float
     v: float
     id: str
+
+
+@dataclass(frozen=True, slots=True)
+class ScanView:
+    """A robot's newest scan: at most 180 hits, metres, robot frame; of neighbours the nearest is kept."""
+
+    points_m: list[Pair]
+    age_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +125,11 @@ class RobotView:
         tag_px: Shortest side of its tag then, pixels.
         path_px: The last plan drawn in the picture, while it drives.
         waypoints_m: The same in the robot's frame, metres, x forward, y left.
+        plan_age_s: Time since the capture of the picture that its last plan was made from.
+        picture_to_plan_ms: From a picture's capture until its plan was sent, of the last plans; None before the first.
+        scan: What its LiDAR saw last; None where the server hears no scans.
+        clock_offset_ms: Server's clock minus the robot's, as the robot says; None if it does not.
+        round_trip_ms: To the server and back, as the robot says; None if it does not.
         robot_state: What it last said of itself.
         robot_state_age_s: How long ago that was.
         epoch: Raised by every stop.
@@ -108,6 +146,11 @@ class RobotView:
     tag_px: float | None
     path_px: list[Pair]
     waypoints_m: list[Pair]
+    plan_age_s: float | None
+    picture_to_plan_ms: TimingView | None
+    scan: ScanView | None
+    clock_offset_ms: float | None
+    round_trip_ms: float | None
     robot_state: dict[str, Scalar] | None
     robot_state_age_s: float | None
     epoch: int
@@ -135,6 +178,7 @@ class ServerView:
         reasons: Why it is not ready.
         warnings: What is odd, though it works.
         rejected: Number of malformed payloads by Zenoh key.
+        robot_size_m: Length and width of a robot, metres.
     """
 
     camera: CameraView
@@ -144,6 +188,7 @@ class ServerView:
     reasons: list[str]
     warnings: list[str]
     rejected: dict[str, int]
+    robot_size_m: Pair
 
 
 class Timings:
@@ -175,6 +220,22 @@ class Timings:
 def pairs(points: FloatArray, *, digits: int) -> list[Pair]:
     """Return points (N, 2) as rounded pairs."""
     return [(round(float(x), digits), round(float(y), digits)) for x, y in points]
+
+
+def scan_view(scan: Scan, *, now_ns: int) -> ScanView:
+    """Return what there is to show of a scan, stamped in the clock of ``now_ns``.
+
+    Of neighbouring beams the nearest hit is kept: a thin leg must not vanish.
+    """
+    ranges = np.asarray(scan.ranges_m, dtype=np.float64)
+    hit = (ranges >= scan.range_min_m) & (ranges < scan.range_max_m)
+    group = -(-len(ranges) // _MOST_SCAN_POINTS) or 1
+    padded = np.pad(np.where(hit, ranges, np.inf), (0, -len(ranges) % group), constant_values=np.inf)
+    nearest = padded.reshape(-1, group).argmin(axis=1) + group * np.arange(len(padded) // group)
+    nearest = nearest[np.isfinite(padded[nearest])]
+    angles = scan.angle_min_rad + scan.angle_increment_rad * nearest
+    points = padded[nearest, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return ScanView(pairs(points, digits=2), round((now_ns - scan.stamp_ns) / 1e9, 3))
 
 
 def path_in_picture(waypoints_m: FloatArray, sighting: RobotSighting, *, tag_size_m: float) -> FloatArray:

@@ -64,6 +64,12 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
         calibration_command.add_arguments(calibration)
         calibration.set_defaults(run=calibration_command.run)
+    viewers = commands.add_parser("viewers", help="measure what many who look at the page cost the server")
+    if words[:1] == ["viewers"]:
+        from revnm_sim import viewers_command
+
+        viewers_command.add_arguments(viewers)
+        viewers.set_defaults(run=viewers_command.run)
     return parser
 
 

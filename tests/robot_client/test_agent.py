@@ -450,5 +450,10 @@ def test_state_is_flat_json_before_and_while_driving(driving: Drive) -> None:
     assert while_driving["moving"] is True
     assert while_driving["goal_id"] == "goal"
     assert while_driving["clock_offset_ms"] == OFFSET_NS * 1e-6
+    assert while_driving["round_trip_ms"] is None
+    assert before["stopping_m"] == 0.03  # standing: the margin alone
+    assert while_driving["stopping_m"] > 0.1
+    driving.agent.set_clock_offset(OFFSET_NS, round_trip_ns=2_500_000)
+    assert state(driving)["round_trip_ms"] == 2.5
     assert while_driving["rejected"] == 0
     assert not any(isinstance(value, dict | list) for value in while_driving.values())

@@ -18,6 +18,7 @@ from pydantic import SecretStr
 from revnm_client.link import open_router
 from revnm_server.api import create_application
 from revnm_server.api.health import health_router
+from revnm_server.api.shared_state import SharedState
 from revnm_server.camera import CameraSource, open_camera
 from revnm_server.mission import Mission
 from revnm_server.service import NavigationService
@@ -149,6 +150,12 @@ def test_every_other_error_is_a_problem_too(api: Api, service: NavigationService
     assert_problem(api.call("PUT", GOAL, content=b"\xff\xfe\x00", headers={"content-type": "application/json"}), 400)
     assert_problem(api.call("GET", "/api/v1/frame.jpg"), 409)
     assert_problem(api.call("GET", "/api/v1/stream.mjpg?layer=x"), 422)
+    depth = assert_problem(api.call("GET", "/api/v1/stream.mjpg?layer=depth"), 409)
+    assert "no depth picture" in depth["detail"]
+    ego = "/api/v1/stream.mjpg?layer=ego"
+    assert "robot=NAME" in assert_problem(api.call("GET", ego), 422)["detail"]
+    assert "nobody" in assert_problem(api.call("GET", f"{ego}&robot=nobody"), 404)["detail"]
+    assert "no imagined view" in assert_problem(api.call("GET", f"{ego}&robot=rover"), 409)["detail"]
     assert "no map" in assert_problem(api.call("GET", "/api/v1/stream.mjpg?layer=map"), 409)["detail"]
     assert_problem(api.call("PUT", GOAL, content=b"x" * 20_000), 413)
     assert_problem(api.call("PUT", GOAL, content=iter_async([b"{}"])), 411)
@@ -232,8 +239,8 @@ def test_the_page_and_its_parts_are_served(api: Api) -> None:
     page = api.call("GET", "/")
     assert "text/html" in page.headers["content-type"]
     assert "script-src 'self'" in page.headers["content-security-policy"]
-    for name in ("app.js", "overlay.js", "style.css"):
-        assert f"page/{name}" in page.text or name == "overlay.js"
+    for name in ("app.js", "stream.js", "style.css"):
+        assert f"page/{name}" in page.text or name == "stream.js"
         part = api.call("GET", f"/page/{name}")
         assert part.status_code == 200
         assert "http://" not in part.text + page.text
@@ -332,6 +339,20 @@ def test_events_tell_the_state_again_and_again(api: Api, service: NavigationServ
     assert messages[0]["type"] == "websocket.accept"
     for message in messages[1:]:
         assert json.loads(message["text"])["robots"][0]["name"] == "rover"
+
+
+def test_the_state_is_made_once_for_all_who_ask_and_anew_when_something_is_wanted(service: NavigationService) -> None:
+    now_s = 100.0
+    shared = SharedState(service, now_s=lambda: now_s)
+    first = shared.document()
+    assert shared.document() is first
+    service.mission.stop("rover")
+    stopped = shared.document()
+    assert json.loads(stopped)["robots"][0]["status"] == "stopped"
+    now_s += 0.09
+    assert shared.document() is stopped
+    now_s += 0.02
+    assert shared.document() is not stopped
 
 
 def test_events_are_refused_to_other_sites(api: Api) -> None:

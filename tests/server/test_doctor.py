@@ -17,7 +17,7 @@ from .free_port import free_port
 from .service_parts import CameraFeed, RobotEnd
 from .waiting import eventually
 
-CAMERA = CameraView("rtsp://***@cam/live", "running", (1280, 720), 15.0, 0.05, None)
+CAMERA = CameraView("rtsp://***@cam/live", "running", (1280, 720), 15.0, 0.05, 1e12, None)
 ROBOT = RobotView(
     name="rover",
     status="no_goal",
@@ -29,12 +29,17 @@ ROBOT = RobotView(
     tag_px=40.0,
     path_px=[],
     waypoints_m=[],
-    robot_state={"clock_offset_ms": 2.0},
+    plan_age_s=None,
+    picture_to_plan_ms=None,
+    scan=None,
+    clock_offset_ms=2.0,
+    round_trip_ms=1.0,
+    robot_state={},
     robot_state_age_s=0.2,
     epoch=1,
     seq=0,
 )
-VIEW = ServerView(CAMERA, [ROBOT], {"tick": TimingView(30.0, 50.0)}, True, [], [], {"rover/odom": 0})
+VIEW = ServerView(CAMERA, [ROBOT], {"tick": TimingView(30.0, 50.0)}, True, [], [], {"rover/odom": 0}, (0.43, 0.36))
 
 
 def findings(view: ServerView) -> dict[str, tuple[Verdict, str]]:
@@ -72,8 +77,8 @@ def test_a_camera_that_is_not_well(camera: dict[str, Any], verdict: Verdict, sai
         ({"sighting_age_s": 9.0}, "tag", Verdict.FAULT, "id 3"),
         ({"robot_state": None, "robot_state_age_s": None}, "link", Verdict.FAULT, "revnm-robot"),
         ({"robot_state_age_s": 60.0}, "link", Verdict.FAULT, "revnm-robot"),
-        ({"robot_state": {"clock_offset_ms": None}}, "clock", Verdict.FAULT, "will not move"),
-        ({"robot_state": {"clock_offset_ms": -4000.0}}, "clock", Verdict.WARNING, "chrony"),
+        ({"clock_offset_ms": None}, "clock", Verdict.FAULT, "will not move"),
+        ({"clock_offset_ms": -4000.0}, "clock", Verdict.WARNING, "chrony"),
     ],
 )
 def test_a_robot_that_is_not_well(robot: dict[str, Any], subject: str, verdict: Verdict, said: str) -> None:

@@ -83,7 +83,9 @@ def test_a_goal_becomes_plans(service: NavigationService, client: zenoh.Session)
         goal = service.mission.set_goal("rover", 300, 50, size_px=SIZE)
         eventually(lambda: len(robot.plans) >= 3)
         eventually(lambda: rover(service).status == "driving")
+        eventually(lambda: robot.say(round_trip_ms=1.5, clock_offset_ms=True) or rover(service).round_trip_ms)
         shown = rover(service)
+        ticked = service.last_tick()
     plans = robot.plans
     assert {plan.goal_id for plan in plans} == {goal.id}
     assert {plan.epoch for plan in plans} == {service.mission.of("rover").epoch}
@@ -94,6 +96,13 @@ def test_a_goal_becomes_plans(service: NavigationService, client: zenoh.Session)
     assert shown.path_px == [(130.0, 100.0), (160.0, 100.0)]
     assert (shown.pixel, shown.heading, shown.goal and shown.goal.u) == ((100.0, 100.0), (1.0, 0.0), 300.0)
     assert service.view().timings_ms["tick"].p50 == 4.0
+    assert (shown.round_trip_ms, shown.clock_offset_ms, shown.scan) == (1.5, None, None)
+    assert shown.picture_to_plan_ms is not None
+    assert shown.plan_age_s is not None
+    assert 0.0 <= shown.picture_to_plan_ms.p50 <= shown.picture_to_plan_ms.p95 < 5000.0
+    assert 0.0 <= shown.plan_age_s < 5.0
+    assert ticked is not None
+    assert (ticked.size_px, ticked.result.disparity.shape) == (SIZE, (4, 4))
 
 
 def test_a_stale_camera_gives_no_plan(service: NavigationService, client: zenoh.Session) -> None:

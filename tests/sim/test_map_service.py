@@ -17,9 +17,9 @@ from tests.server.service_parts import RobotEnd
 from tests.server.waiting import eventually
 
 from revnm_client import keys
-from revnm_client.cdr import encode_image, encode_odometry
+from revnm_client.cdr import encode_image, encode_odometry, encode_scan
 from revnm_client.link import open_client, open_router
-from revnm_client.messages import CompressedImage
+from revnm_client.messages import CompressedImage, Scan
 from revnm_server.api import create_application
 from revnm_server.api.live import live_router
 from revnm_server.camera import open_camera
@@ -56,6 +56,13 @@ class Site:
             self._plans = len(self.robot.plans)
             self.room.drive(self.robot.plans[-1].waypoints_m, STEP_M)
         return True
+
+    def scan(self) -> None:
+        """Send a scan that hits something 2 m ahead."""
+        ranges = np.full(360, np.inf, np.float32)
+        ranges[0] = 2.0
+        scan = Scan(time.time_ns(), 0.0, np.pi / 180.0, 0.1, 10.0, ranges)
+        self._client.put(keys.scan("rover"), encode_scan(scan))
 
     def _ticked(self, stamp_ns: int):  # type: ignore[no-untyped-def]
         def seen() -> bool:
@@ -128,6 +135,9 @@ def test_a_goal_is_reached_with_a_camera_that_nobody_calibrated(site: Site) -> N
     assert state["camera"]["calibration"]["progress"] == 1.0
     assert 0.0 < state["camera"]["calibration"]["spread_1_m_cm"] <= state["camera"]["calibration"]["spread_2_m_cm"]
     assert state["camera"]["calibration"]["event"] is None
+    assert abs(state["camera"]["calibration"]["camera"]["height_m"] - 2.6) < 0.3
+    assert site.first_of_stream("depth").shape == (480, 640, 3)
+    assert state["robot_size_m"] == [0.43, 0.36]
     assert state["rejected"]["rover/odom"] >= 1
     assert state["warnings"] == ["a note"]
     assert set(state["timings_ms"]) == {"depth", "tag", "map", "tick", "learn"}
@@ -140,6 +150,9 @@ def test_a_goal_is_reached_with_a_camera_that_nobody_calibrated(site: Site) -> N
 
 def test_a_robot_without_odometry_waits_and_the_state_says_why(site: Site) -> None:
     site.look()
+    assert site.rover()["scan"] is None
+    site.scan()
+    assert eventually(lambda: site.look() and site.rover()["scan"])["points_m"] == [[2.0, 0.0]]
     u, v = pixel_of(*GOAL_M)
     site.service.mission.set_goal("rover", u, v, size_px=SIZE_PX)
     eventually(lambda: site.look() and site.robot.plans)

@@ -67,7 +67,7 @@ class Stage:
         arguments += ["--http", self.url.removeprefix("http://"), "--robot", f"{ROBOT}={TAG_ID}"]
         arguments += ["--bundle", str(self._bundle), "--state-file", str(self.state_file)]
         self.server = Process("revnm-server", arguments, log=self.folder / "server.log")
-        eventually(self._answers, within_s=30.0)
+        eventually(self._answers, within_s=90.0)
         return self.server
 
     def start_robot(self) -> Process:

@@ -16,11 +16,11 @@ from revnm_server.api.session import session_router
 from revnm_server.service import NavigationService
 from revnm_server.settings import HttpSettings
 
+_SCRIPTS = ("app", "floor", "inset", "overlay", "panel", "picker", "server", "stream")
 _PAGE = {
     "index.html": "text/html; charset=utf-8",
-    "app.js": "text/javascript; charset=utf-8",
-    "overlay.js": "text/javascript; charset=utf-8",
     "style.css": "text/css; charset=utf-8",
+    **{f"{name}.js": "text/javascript; charset=utf-8" for name in _SCRIPTS},
 }
 
 

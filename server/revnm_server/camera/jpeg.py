@@ -70,5 +70,5 @@ def decode_jpeg(data: bytes) -> NDArray[np.uint8]:
 
 def encode_jpeg(image: NDArray[np.uint8]) -> bytes:
     """Return the picture (H, W, 3) RGB as JPEG."""
-    _, data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    _, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return data.tobytes()

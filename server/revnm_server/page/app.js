@@ -1,252 +1,192 @@
-// The operator's page: live picture, state ten times a second, a click sets the goal, Stop is always there.
+// The operator's page: a live picture, the state ten times a second, a click sets the goal, Stop is always there.
 
-import { draw, pixelAt } from "./overlay.js";
+import { onFloor, ringInPicture } from "./floor.js";
+import { drawOverlay } from "./overlay.js";
+import { $, doing, setText, showRobot, showRobots, STATUS } from "./panel.js";
+import { GoalPicker } from "./picker.js";
+import { Server } from "./server.js";
+import { PictureStream } from "./stream.js";
 
-const QUIET_MS = 1500; // no word from the server for this long: what is shown is old
-const CLICK_PX = 8; // a pointer that moves farther drags, and sets no goal
-const STATUS = { no_goal: "No goal", driving: "Driving", arrived: "Arrived", stopped: "Stopped", waiting: "Waiting" };
 const CAMERA = { init: "no picture", stale: "picture stale", reconnecting: "camera lost", ended: "camera ended" };
-const STOP_AGAIN_MS = 500;
-const HINT = "Click or tap in the picture to send the robot there.";
+const LAYERS = {
+  exo: "Live picture of the camera",
+  depth: "Depth of the camera’s picture: near is bright, far is dark",
+  ego: "What the robot is thought to see ahead: near is bright, far is dark",
+  map: "Map of the floor: the camera at the lower edge, free floor bright, what stands on it red",
+};
+const BEHIND_MS = 1500; // a picture that is so much older than the newest is not live
+const SPEAK_EVERY_MS = 1500;
 
-const $ = (id) => document.getElementById(id);
-const canvas = $("overlay");
-let state = null;
-let heardAt = 0;
-let pressed = null;
-let wasQuiet = false;
-const unheardStops = new Set(); // robots whose Stop has not got through to the server
+let wanted = null; // name of the robot that was chosen last
+let layer = "exo";
+let spokenAt = 0;
+let due = false; // whether a frame is to be drawn
 
-// The token came with the page and is a cookie now: it need not stay in the address bar.
-if (location.search) history.replaceState(null, "", location.pathname);
+const server = new Server({ onState: render, onMessage: (text) => setText($("message"), text) });
+const stream = new PictureStream($("picture"), () => $("view").classList.contains("stale") && render());
+const picker = new GoalPicker($("overlay"), {
+  size: () => (server.mayOperate && isAligned() && !server.quiet ? (server.state?.camera.size_px ?? null) : null),
+  from: () => {
+    const pixel = chosen()?.pixel;
+    return pixel ? { u: pixel[0], v: pixel[1] } : null;
+  },
+  onGoal: setGoal,
+  onChange: render,
+});
 
+/** The robot that clicks and Stop are for; null before the first state. */
 function chosen() {
-  return $("robot").value;
+  const robots = server.state?.robots ?? [];
+  return robots.find((robot) => robot.name === wanted) ?? robots[0] ?? null;
 }
 
-/** Whether the server has been silent for so long that what is shown is old. */
-function isQuiet() {
-  return performance.now() - heardAt > QUIET_MS;
+/** Whether the layer shows the camera's pixels. */
+function isAligned() {
+  return layer === "exo" || layer === "depth";
 }
 
-function listen() {
-  const address = new URL("api/v1/events", location.href);
-  address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
-  const socket = new WebSocket(address);
-  socket.onmessage = (event) => show(JSON.parse(event.data));
-  socket.onclose = () => setTimeout(listen, 1000);
+function floorCamera() {
+  return server.state.camera.calibration?.camera ?? null;
 }
 
-async function pollWhileQuiet() {
-  if (isQuiet()) {
-    const answer = await call("GET", "state").catch(() => null);
-    if (answer) show(answer);
-  }
-  setTimeout(pollWhileQuiet, 700);
+function setGoal(pixel) {
+  const camera = floorCamera();
+  if (camera && !onFloor(camera, server.state.camera.size_px, pixel)) {
+    setText($("message"), "That place is not on the floor: choose one below the horizon.");
+  } else server.act(chosen().name, "PUT", "goal", pixel);
 }
 
-function show(next) {
-  state = next;
-  heardAt = performance.now();
-  const names = state.robots.map((robot) => robot.name);
-  const select = $("robot");
-  if (names.join() !== [...select.options].map((option) => option.value).join()) {
-    const keep = select.value;
-    select.replaceChildren(...names.map((name) => new Option(name, name)));
-    if (names.includes(keep)) select.value = keep;
-  }
-  render();
+function stop({ all = false } = {}) {
+  picker.cancel();
+  for (const robot of server.state?.robots ?? []) if (all || robot === chosen()) server.stop(robot.name);
 }
 
+/** Show what is known, once a frame at most: where drawing is slow, what has come meanwhile is passed over. */
 function render() {
-  const quiet = isQuiet();
-  document.body.classList.toggle("stale", quiet);
-  if (!state) {
-    badge("no answer from the server", "bad");
-    return;
-  }
-  const running = state.camera.state === "running" && !quiet;
-  const size = state.camera.size_px;
-  if (size) $("view").style.aspectRatio = `${size[0]} / ${size[1]}`;
-  $("view").classList.toggle("stale", !running);
-  if (quiet) badge("server silent", "bad");
-  else if (running) badge("live", "good");
-  else badge(CAMERA[state.camera.state], "bad");
-  const trouble = quiet ? "The server is silent: nothing here is current" : `Camera: ${state.camera.reason}`;
-  setText("notice", running ? "" : trouble);
-  $("notice").hidden = running;
-  draw(canvas, state, { chosen: chosen(), quiet });
-  renderRobot(state.robots.find((robot) => robot.name === chosen()), quiet);
+  if (!due) requestAnimationFrame(draw);
+  due = true;
 }
 
-function badge(text, kind) {
-  setText("badge", text);
+function draw() {
+  due = false;
+  const [state, quiet] = [server.state, server.quiet];
+  document.body.classList.toggle("stale", quiet);
+  document.body.classList.toggle("watch", !server.mayOperate);
+  const [trouble, lack] = [pictureTrouble(), layerLack()];
+  $("view").classList.toggle("stale", trouble + lack !== "");
+  setText($("notice"), trouble || lack);
+  $("notice").classList.toggle("calm", trouble === "");
+  $("notice").hidden = trouble + lack === "";
+  showBadge(trouble);
+  if (!state) return;
+  const robot = chosen();
+  $("map-layer").hidden = !state.camera.calibration;
+  if (state.camera.size_px) $("view").style.setProperty("--shape", state.camera.size_px.join(" / "));
+  $("overlay").hidden = !isAligned();
+  if (isAligned()) drawOverlay($("overlay"), state, { chosen: robot?.name, quiet, preview: preview() });
+  showHint();
+  if (!robot) return;
+  showRobots(state, { chosen: robot.name, quiet, choose });
+  showRobot(robot, state, { quiet, may: server.mayOperate });
+  speak(robot);
+}
+
+/** Why what is shown must not be taken for what is; empty where it may. */
+function pictureTrouble() {
+  const camera = server.state?.camera;
+  if (server.quiet) return "The server is silent: nothing here is current";
+  if (!camera) return "";
+  if (camera.state !== "running") return `Camera: ${camera.reason}`;
+  const behindMs = camera.frame_stamp_ms - (stream.stampMs ?? NaN);
+  if (layerLack()) return "";
+  if (behindMs > BEHIND_MS) return `The picture is ${(behindMs / 1000).toFixed(0)} s behind`;
+  return stream.stalled ? "No new picture comes" : "";
+}
+
+/** Why there is nothing to see of a layer, though all is well; empty where there is. */
+function layerLack() {
+  const robot = chosen();
+  const idle = layer === "ego" && robot && robot.status !== "driving";
+  return idle ? `What ${robot.name} would see is imagined while it drives` : stream.trouble;
+}
+
+function showBadge(trouble) {
+  const camera = server.state?.camera;
+  const [text, kind] = server.quiet ? [camera ? "server silent" : "no answer from the server", "bad"]
+    : !camera ? ["connecting", ""]
+    : camera.state !== "running" ? [CAMERA[camera.state], "bad"]
+    : trouble ? ["not live", "bad"] : ["live", "good"];
+  setText($("badge"), text);
   $("badge").className = `badge ${kind}`;
 }
 
-function setText(id, text) {
-  if ($(id).textContent !== text) $(id).textContent = text; // screen readers repeat what is set again
+function preview() {
+  if (!picker.target) return null;
+  const [camera, size] = [floorCamera(), server.state.camera.size_px];
+  const radiusM = Math.hypot(...server.state.robot_size_m) / 2;
+  const ring = camera ? ringInPicture(camera, size, picker.target, radiusM) : [];
+  return { target: picker.target, ring, allowed: !camera || onFloor(camera, size, picker.target) !== null };
 }
 
-function renderRobot(robot, quiet) {
-  if (!robot) return;
-  setText("status", quiet ? "No contact" : STATUS[robot.status]);
-  $("status").className = `status ${quiet ? "unknown" : robot.status}`;
-  setText("reason", quiet ? "A robot that gets no plans stands by itself." : robot.reason ?? advice(robot));
-  $("resume").hidden = robot.status !== "stopped";
-  $("drop").hidden = robot.goal === null;
-  const { fps, frame_age_s: age } = state.camera;
-  const tick = state.timings_ms.tick;
-  const calibration = state.camera.calibration;
-  $("map-box").hidden = !calibration;
-  const facts = {
-    ...(calibration && { "Calibration": calibrated(calibration) }),
-    "Picture": age === null ? "none yet" : `${age.toFixed(1)} s old${fps ? `, ${fps.toFixed(0)} fps` : ""}`,
-    "Robot seen": ago(robot.sighting_age_s),
-    "Robot heard": ago(robot.robot_state_age_s),
-    "Robot says": saying(robot),
-    "Server tick": tick ? `${tick.p50.toFixed(0)} ms` : "–",
-  };
-  $("facts").replaceChildren(
-    ...Object.entries(facts).flatMap(([name, value]) => [element("dt", name), element("dd", value)]),
-  );
+function showHint() {
+  const keys = picker.target && !picker.pressed;
+  const text = !isAligned() ? "Goals are set in the camera’s picture."
+    : !picker.target ? ""
+    : keys ? "Enter sends the robot here, Esc cancels." : "Release to send the robot here, Esc cancels.";
+  setText($("hint"), text);
+  $("hint").hidden = text === "";
 }
 
-/** What to tell the operator when the server has nothing special to say of the robot. */
-function advice(robot) {
-  const troubles = state.reasons.concat(state.warnings).join("; ");
-  if (troubles) return troubles;
-  if (robot.status === "stopped") return "Resume, then set a goal.";
-  return robot.status === "no_goal" || robot.status === "arrived" ? HINT : "";
+/** Tell screen readers what the robot does when that changes, not when a number in it does. */
+function speak(robot) {
+  const { kind, reason } = doing(robot, server.state);
+  const live = $("badge").textContent === "live" ? "" : ` Picture: ${$("badge").textContent}.`;
+  const words = server.quiet ? "No contact to the server." : `${robot.name}: ${STATUS[kind]}. ${reason}${live}`;
+  const key = words.replace(/[\d.]+/g, "");
+  const now = performance.now();
+  if (key === $("spoken").dataset.key || now - spokenAt < SPEAK_EVERY_MS) return;
+  spokenAt = now;
+  $("spoken").dataset.key = key;
+  setText($("spoken"), words);
 }
 
-function ago(seconds) {
-  return seconds === null ? "never" : seconds < 1 ? "just now" : `${seconds.toFixed(0)} s ago`;
+function choose(name) {
+  wanted = name;
+  picker.cancel();
+  setText($("message"), "");
+  if (layer === "ego") openStream();
+  render();
 }
 
-/** What the robot says of itself; that it lacks a plan is no news while it is to have none. */
-function saying({ status, robot_state: own }) {
-  if (own === null) return "nothing yet";
-  if (own.moving) return typeof own.v_mps === "number" ? `moving, ${Math.abs(own.v_mps).toFixed(1)} m/s` : "moving";
-  const idle = status === "arrived" || status === "no_goal";
-  return own.reason === null || (idle && /^(no )?plan /.test(own.reason)) ? "standing" : own.reason;
+function openStream() {
+  const robot = layer === "ego" ? `&robot=${encodeURIComponent(chosen()?.name ?? "")}` : "";
+  $("picture").setAttribute("aria-label", LAYERS[layer]);
+  stream.open(`api/v1/stream.mjpg?layer=${layer}${robot}`);
 }
 
-/** How well the server knows the camera, as far as it has learnt it from the robots. */
-function calibrated({ status, progress, spread_2_m_cm: spread, event }) {
-  const known = {
-    unknown: "no robot seen yet",
-    learning: `learning ${Math.floor(100 * progress)} %`,
-    good: `good, ± ${Math.max(1, Math.round(spread))} cm at 2 m`,
-  }[status];
-  return event && status !== "good" ? `${known} – ${event}` : known;
-}
-
-function element(tag, text) {
-  const made = document.createElement(tag);
-  made.textContent = text;
-  return made;
-}
-
-/** Call the API; throws an Error whose message is for the operator, with the `status` of a refusal. */
-async function call(method, path, body) {
-  const options = { method, signal: AbortSignal.timeout(4000) };
-  if (body) {
-    options.headers = { "Content-Type": "application/json" };
-    options.body = JSON.stringify(body);
-  }
-  const answer = await fetch(`api/v1/${path}`, options);
-  if (answer.ok) return answer.status === 204 ? null : answer.json();
-  const problem = await answer.json().catch(() => ({}));
-  const error = new Error(problem.detail ?? problem.title ?? `The server answered ${answer.status}`);
-  throw Object.assign(error, { status: answer.status });
-}
-
-async function act(method, path, body) {
-  const robot = chosen();
-  if (!robot) return;
-  if (path === "resume") unheardStops.delete(robot);
-  try {
-    await tell(robot, method, path, body);
-  } catch (error) {
-    setText("message", error.message);
-  }
-}
-
-async function tell(robot, method, path, body) {
-  await call(method, `robots/${encodeURIComponent(robot)}/${path}`, body);
-  setText("message", ""); // whether the robot has confirmed it stands in the state
-}
-
-/** Stop the chosen robot; where the server cannot be reached, again and again until it can. */
-function stop() {
-  const robot = chosen();
-  if (!robot) return;
-  const waiting = unheardStops.has(robot);
-  unheardStops.add(robot);
-  if (!waiting) insistOnStop(robot);
-}
-
-async function insistOnStop(robot) {
-  if (!unheardStops.has(robot)) return;
-  try {
-    await tell(robot, "POST", "stop");
-    unheardStops.delete(robot);
-  } catch (error) {
-    const refused = error.status >= 400 && error.status < 500;
-    const again = refused ? "" : ". It is sent again until it does.";
-    setText("message", `STOP HAS NOT GOT THROUGH: ${error.message}${again}`);
-    if (refused) unheardStops.delete(robot);
-    else setTimeout(() => insistOnStop(robot), STOP_AGAIN_MS);
-  }
-}
-
-canvas.addEventListener("pointerdown", (event) => {
-  pressed = event.isPrimary && event.button === 0 ? [event.clientX, event.clientY] : null;
+$("layers").addEventListener("change", (event) => {
+  layer = event.target.value;
+  picker.cancel();
+  openStream();
+  render();
 });
-canvas.addEventListener("pointercancel", () => (pressed = null));
-canvas.addEventListener("pointerup", (event) => {
-  if (!pressed || !state?.camera.size_px) return;
-  const moved = Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]);
-  pressed = null;
-  const pixel = moved <= CLICK_PX ? pixelAt(event, canvas, state.camera.size_px) : null;
-  if (pixel) act("PUT", "goal", pixel);
-});
-$("stop").addEventListener("click", stop);
-$("resume").addEventListener("click", () => act("POST", "resume"));
-$("drop").addEventListener("click", () => act("DELETE", "goal"));
-$("robot").addEventListener("change", render);
-window.addEventListener("resize", () => state && render());
-// Capture, before a focused button takes the space bar for itself.
+$("stop").addEventListener("click", () => stop());
+$("stop-all").addEventListener("click", () => stop({ all: true }));
+$("resume").addEventListener("click", () => server.act(chosen().name, "POST", "resume"));
+$("drop").addEventListener("click", () => server.act(chosen().name, "DELETE", "goal"));
+window.addEventListener("resize", render);
+// Nobody looks at a hidden page: the server then draws nothing for it.
+document.addEventListener("visibilitychange", () => (document.hidden ? stream.close() : openStream()));
+// Capture, before a focused control takes the space bar for itself.
 window.addEventListener("keydown", (event) => {
   if (event.code !== "Space") return;
   event.preventDefault();
-  if (!event.repeat) stop();
+  if (!event.repeat) stop({ all: event.shiftKey });
 }, true);
 window.addEventListener("keyup", (event) => event.code === "Space" && event.preventDefault(), true);
+setInterval(() => (server.quiet || stream.stalled) && render(), 250); // nothing else tells of silence
 
-const picture = $("picture");
-const stream = () => (picture.src = `api/v1/stream.mjpg?since=${Date.now()}`);
-picture.addEventListener("error", () => setTimeout(stream, 1000));
-// The map is streamed only while it is looked at.
-const map = $("map");
-const mapStream = () => {
-  if ($("map-box").open) map.src = `api/v1/stream.mjpg?layer=map&since=${Date.now()}`;
-  else map.removeAttribute("src");
-};
-map.addEventListener("error", () => $("map-box").open && setTimeout(mapStream, 1000));
-$("map-box").addEventListener("toggle", mapStream);
-// A stream that ended shows its last picture without an error: begin anew when the server is back.
-setInterval(() => {
-  const quiet = isQuiet();
-  if (wasQuiet && !quiet) {
-    stream();
-    mapStream();
-  }
-  if (wasQuiet !== quiet) render();
-  wasQuiet = quiet;
-}, 250);
-
-stream();
-listen();
-pollWhileQuiet();
+// The token came with the page and is a cookie now: it need not stay in the address bar.
+if (location.search) history.replaceState(null, "", location.pathname);
+openStream();
+server.start();

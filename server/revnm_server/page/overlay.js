@@ -1,9 +1,9 @@
-// Draws robots, goals and paths over the picture, and turns places on the screen into pixels of the picture.
+// Draws robots, goals, paths and previews over the picture, and turns places on the screen into pixels of the picture.
 
-const GOAL = "#ffcc33";
-const PATH = "#49a7ff";
-const SEEN = "#3fdc7f";
-const LOST = "#9aa5ad";
+export const GOAL = "#ffcc33";
+export const PATH = "#49a7ff";
+export const SEEN = "#3fdc7f";
+export const LOST = "#9aa5ad";
 
 /** Where a picture of size [w, h] lies inside an element, as object-fit: contain places it. */
 export function placement(element, [width, height]) {
@@ -24,25 +24,58 @@ export function pixelAt(event, canvas, size) {
   return u >= 0 && v >= 0 && u < size[0] && v < size[1] ? { u, v } : null;
 }
 
-/** Draw everything; `chosen` is the name of the robot that clicks are for, `quiet` whether the state is old. */
-export function draw(canvas, state, { chosen, quiet }) {
+/** A canvas's pen on a clean sheet, in the screen's pixels, and how wide and high that is. */
+export function fitted(canvas) {
   const ratio = window.devicePixelRatio || 1;
-  const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
+  const [wide, high] = [canvas.clientWidth, canvas.clientHeight];
+  const [width, height] = [Math.round(wide * ratio), Math.round(high * ratio)];
   if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
   const pen = canvas.getContext("2d");
   pen.setTransform(1, 0, 0, 1, 0, 0);
   pen.clearRect(0, 0, width, height);
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  return { pen, wide, high };
+}
+
+/** Draw everything; `chosen` is the name of the robot that clicks are for, `quiet` whether the state is old. */
+export function drawOverlay(canvas, state, { chosen, quiet, preview }) {
+  const { pen } = fitted(canvas);
   const size = state.camera.size_px;
   if (!size) return;
   const place = placement(canvas, size);
-  pen.setTransform(ratio, 0, 0, ratio, place.left * ratio, place.top * ratio);
+  pen.translate(place.left, place.top);
   pen.lineJoin = pen.lineCap = "round";
-  for (const robot of state.robots) {
-    pen.globalAlpha = robot.name === chosen ? 1 : 0.55;
+  const last = (robot) => robot.name === chosen; // drawn over the others
+  for (const robot of [...state.robots].sort((a, b) => last(a) - last(b))) {
+    pen.globalAlpha = last(robot) ? 1 : 0.75;
     if (!quiet) drawPath(pen, robot, place.scale);
     if (robot.goal) drawGoal(pen, robot, place.scale);
     if (robot.pixel) drawRobot(pen, robot, place.scale, quiet);
   }
+  pen.globalAlpha = 1;
+  if (preview) drawPreview(pen, preview, place.scale, size);
+}
+
+/** Where the robot would stand: its circle on the floor, if that is known, and a crosshair through the picture. */
+function drawPreview(pen, { target, ring, allowed }, scale, [width, height]) {
+  const [x, y] = [target.u * scale, target.v * scale];
+  const colour = allowed ? GOAL : LOST;
+  pen.beginPath();
+  pen.moveTo(0, y);
+  pen.lineTo(width * scale, y);
+  pen.moveTo(x, 0);
+  pen.lineTo(x, height * scale);
+  pen.setLineDash([2, 6]);
+  stroke(pen, colour, 1);
+  pen.setLineDash([]);
+  pen.beginPath();
+  if (ring.length > 0) {
+    for (const { u, v } of ring) pen.lineTo(u * scale, v * scale);
+    pen.closePath();
+    pen.fillStyle = "rgba(255, 204, 51, .25)";
+    pen.fill();
+  } else pen.arc(x, y, 11, 0, 2 * Math.PI);
+  stroke(pen, colour, 2.5);
 }
 
 function stroke(pen, colour, width) {
