@@ -36,6 +36,9 @@ from revnm_server.mission import Mission
 from revnm_server.pipeline import Pipeline
 from revnm_server.policy import OnnxFloorPolicy, OnnxPolicy
 from revnm_server.ports import Senses
+from revnm_server.recording.about import describe
+from revnm_server.recording.heard_log import HeardLog
+from revnm_server.recording.recorder import Recorder
 from revnm_server.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
 from revnm_server.settings import HttpSettings, PerceptionSettings, Settings
@@ -147,15 +150,28 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         session = stack.enter_context(open_router(settings.zenoh.listen))
         camera = open_camera(settings.camera.url, session)
         stack.callback(camera.close)
+        heard = HeardLog()
+        about = describe(settings, settings.perception.bundle or default_bundle_path())
+        recorder = Recorder(
+            settings.recording,
+            session,
+            camera=settings.camera.name,
+            robots=tuple(settings.robots),
+            about=about,
+            heard=heard,
+        )
+        stack.callback(recorder.close)
         service = NavigationService(
             session,
             camera=camera,
-            pipeline=_pipeline(models, settings, session, stack),
+            pipeline=_pipeline(models, settings, session, heard, stack),
             mission=mission,
             tick_hz=settings.perception.tick_hz,
             tag_size_m=settings.perception.tag_size_m,
             notes=notes,
+            recorder=recorder,
         )
+        recorder.watch(service.view)
         stack.enter_context(_serving_http(service, settings.http, listener))
         stack.callback(service.close)
         service.start()
@@ -174,13 +190,14 @@ def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[s
 
 
 def _pipeline(
-    models: Bundle | DepthBundle, settings: Settings, session: zenoh.Session, stack: ExitStack
+    models: Bundle | DepthBundle, settings: Settings, session: zenoh.Session, heard: HeardLog, stack: ExitStack
 ) -> Pipeline | MapPipeline:
     if isinstance(models, Bundle) and models.sees == "picture":
         return build_pipeline(models, settings.perception, settings.robots)
-    senses = {robot: RobotSenses(session, robot) for robot in settings.robots}
-    for each in senses.values():
+    own = {robot: RobotSenses(session, robot) for robot in settings.robots}
+    for each in own.values():
         stack.callback(each.close)
+    senses = {robot: heard.along(robot, each) for robot, each in own.items()}
     pipeline = build_map_pipeline(models, settings.perception, settings.robots, senses, camera=settings.camera.name)
     stack.callback(pipeline.close)
     return pipeline

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -23,6 +23,7 @@ from revnm_server.view import (
     CalibrationView,
     CameraView,
     GoalView,
+    RecordingView,
     RobotView,
     ServerView,
     Timings,
@@ -83,6 +84,7 @@ class Overview:
         courier: For what they replied.
         tag_size_m: Side of the robots' tags, for drawing paths.
         notes: Warnings that hold all the time.
+        recording: Tells of the run record.
     """
 
     def __init__(
@@ -94,6 +96,7 @@ class Overview:
         *,
         tag_size_m: float,
         notes: Sequence[str] = (),
+        recording: Callable[[], RecordingView] | None = None,
     ) -> None:
         self._camera = camera
         self._mission = mission
@@ -101,6 +104,7 @@ class Overview:
         self._courier = courier
         self._tag_size_m = tag_size_m
         self._notes = tuple(notes)
+        self._recording = recording
         self._lock = threading.Lock()
         self._known = _Known()
 
@@ -165,6 +169,7 @@ class Overview:
             reasons=reasons,
             warnings=self._warnings(status, site),
             rejected=self._rejected(status) | (site.rejected if site is not None else {}),
+            recording=self._recording() if self._recording is not None else None,
         )
 
     def _warnings(self, status: CameraStatus, site: SiteReport | None) -> list[str]:

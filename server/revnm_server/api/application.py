@@ -11,6 +11,7 @@ from revnm_server.api import problems
 from revnm_server.api.guard import Guard
 from revnm_server.api.health import health_router
 from revnm_server.api.live import live_router
+from revnm_server.api.recording import recording_router
 from revnm_server.api.robots import robots_router
 from revnm_server.service import NavigationService
 from revnm_server.settings import HttpSettings
@@ -41,6 +42,7 @@ def create_application(service: NavigationService, settings: HttpSettings) -> Fa
     problems.install(app)
     app.include_router(robots_router(service))
     app.include_router(live_router(service))
+    app.include_router(recording_router(service))
     app.include_router(health_router(service))
     app.include_router(_page_router())
     token = settings.token.get_secret_value() if settings.token is not None else None

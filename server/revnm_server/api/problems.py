@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from revnm_server.mission import GoalError, StoppedError, UnknownRobotError
+from revnm_server.recording.errors import RecordingError
 
 logger = logging.getLogger(__name__)
 
@@ -81,6 +82,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(UnknownRobotError, unknown_robot)
     app.add_exception_handler(GoalError, bad_goal)
     app.add_exception_handler(StoppedError, conflict)
+    app.add_exception_handler(RecordingError, conflict)
     app.add_exception_handler(HTTPException, http)
     app.add_exception_handler(RequestValidationError, invalid)
     app.add_exception_handler(Exception, failed)

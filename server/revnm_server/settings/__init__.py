@@ -8,6 +8,7 @@ from revnm_server.settings.camera import CameraSettings
 from revnm_server.settings.http import HttpSettings, is_loopback
 from revnm_server.settings.loading import load_settings
 from revnm_server.settings.perception import PerceptionSettings
+from revnm_server.settings.recording import RecordingSettings
 from revnm_server.settings.root import Settings
 from revnm_server.settings.zenoh import ZenohSettings
 
@@ -15,6 +16,7 @@ __all__ = [
     "CameraSettings",
     "HttpSettings",
     "PerceptionSettings",
+    "RecordingSettings",
     "Settings",
     "ZenohSettings",
     "is_loopback",

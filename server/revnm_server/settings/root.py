@@ -12,6 +12,7 @@ from revnm_client.keys import check_name
 from revnm_server.settings.camera import CameraSettings
 from revnm_server.settings.http import HttpSettings
 from revnm_server.settings.perception import PerceptionSettings
+from revnm_server.settings.recording import RecordingSettings
 from revnm_server.settings.section import reraised
 from revnm_server.settings.zenoh import ZenohSettings
 
@@ -32,6 +33,7 @@ class Settings(BaseSettings):
     zenoh: ZenohSettings = ZenohSettings()
     http: HttpSettings = HttpSettings()
     perception: PerceptionSettings = PerceptionSettings()
+    recording: RecordingSettings = RecordingSettings()
     robots: dict[str, Annotated[int, pydantic.Field(ge=0, lt=_TAGS_OF_36H11)]] = {"rover": 0}
     state_file: Path | None = None
 
