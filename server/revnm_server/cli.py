@@ -11,6 +11,8 @@ from revnm_client.errors import RevnmError
 
 _HELP = {
     "serve": "watch a camera and drive the robots in its picture",
+    "record": "switch a running server's record on and off, and mend records that were cut",
+    "replay": "make the plans of a record again, and compare them",
 }
 
 

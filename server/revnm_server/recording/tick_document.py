@@ -43,6 +43,7 @@ class TickDocument:
     """A tick that was recorded.
 
     Attributes:
+        original_picture: The record has the picture as the camera sent it, not encoded anew.
         seq: Number of its picture.
         stamp_ns: Capture time of the picture.
         heard: What was heard, in its order.
@@ -53,6 +54,7 @@ class TickDocument:
         belief: What was known of the camera; None where nothing is, or where it is as with the tick before.
     """
 
+    original_picture: bool
     seq: int
     stamp_ns: int
     heard: tuple[HeardStamps, ...]
@@ -76,7 +78,8 @@ def encode_tick(tick: ObservedTick, heard: Sequence[Listening], calibration: Cal
     document: dict[str, Any] = {
         "seq": tick.frame.seq,
         "stamp_ns": tick.frame.stamp_ns,
-        "heard": [_heard(each) for each in heard if each.heard.odometry or each.heard.scans],
+        "original_picture": tick.frame.jpeg is not None,
+        "heard": [_heard(each) for each in heard],  # the empty ones, too: their turns count
         "goals": {
             robot: {"id": goal.id, "pixel_uv": goal.pixel_uv, "size_px": goal.size_px}
             for robot, goal in tick.goals.items()
@@ -103,6 +106,7 @@ def decode_tick(text: str) -> TickDocument:
         fields = json.loads(text)
         known = fields.get("calibration")
         return TickDocument(
+            original_picture=bool(fields["original_picture"]),
             seq=int(fields["seq"]),
             stamp_ns=int(fields["stamp_ns"]),
             heard=tuple(

@@ -1,0 +1,97 @@
+"""``revnm-server record``: switch a running server's record on and off, and mend records that were cut."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import urllib.error
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+from revnm_client.errors import ConfigError, FileError, LinkError
+from revnm_server.recording.recovery import recover
+
+_TIMEOUT_S = 30.0  # a stop waits for the disk
+_TOKEN = "REVNM_HTTP__TOKEN"  # noqa: S105 - the name of the variable
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's actions and their options."""
+    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
+    for name, text in (
+        ("start", "begin a record on a running server"),
+        ("stop", "end it"),
+        ("status", "tell of the record that is written, or of the last one"),
+    ):
+        action = actions.add_parser(name, help=text, description=text)
+        action.add_argument("--server", default="http://127.0.0.1:8000", metavar="URL", help="(%(default)s)")
+        action.add_argument("--token-file", type=Path, metavar="FILE", help=f"holds the token (else {_TOKEN})")
+    text = "make a readable file of a cut or damaged one, next to it"
+    actions.add_parser("recover", help=text, description=text).add_argument("file", type=Path, metavar="FILE")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do it and say what became of it; return 0, or 1 from ``status`` where a record failed.
+
+    Raises:
+        RevnmError: It cannot be done; the text says what to mend.
+    """
+    if options.action == "recover":
+        return _recover(options.file)
+    method, path = ("GET", "") if options.action == "status" else ("POST", f"/{options.action}")
+    record = _call(method, f"{options.server.rstrip('/')}/api/v1/recording{path}", _token(options.token_file))
+    print(_described(record))
+    return 1 if options.action == "status" and record["reason"] else 0
+
+
+def _recover(path: Path) -> int:
+    saved = recover(path)
+    lost = f", {saved.damaged} damaged places" if saved.damaged else ""
+    lost += f", {saved.orphans} messages of unknown topics" if saved.orphans else ""
+    print(f"{saved.path}: {saved.messages} messages saved{lost}")
+    return 0
+
+
+def _described(record: dict[str, Any]) -> str:
+    if record["name"] is None:
+        return f"nothing is recorded: {record['reason']}" if record["reason"] else "nothing is recorded"
+    doing = "recording" if record["active"] else "recorded"
+    text = f"{doing} {record['name']}: {record['size_mb']} MB, {record['messages']} messages"
+    text += f" in {record['duration_s']} s, {record['dropped']} dropped, {record['refused']} malformed"
+    return text + (f"; {record['reason']}" if record["reason"] else "")
+
+
+def _token(path: Path | None) -> str | None:
+    if path is None:
+        return os.environ.get(_TOKEN)
+    try:
+        return path.read_text().strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(f"--token-file {path}: {error}") from error
+
+
+def _call(method: str, url: str, token: str | None) -> dict[str, Any]:
+    if not url.startswith(("http://", "https://")):
+        raise ConfigError(f"--server {url}: expected http://HOST:PORT")
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    try:
+        request = urllib.request.Request(url, method=method, headers=headers)  # noqa: S310 - checked above
+        direct = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # the server is near
+        with direct.open(request, timeout=_TIMEOUT_S) as reply:
+            document: dict[str, Any] = json.loads(reply.read())
+            return document
+    except urllib.error.HTTPError as error:
+        with error:
+            raise LinkError(f"{url}: {error.code}: {_detail(error.read())}") from error
+    except (OSError, ValueError) as error:
+        raise LinkError(f"{url}: {error}") from error
+
+
+def _detail(problem: bytes) -> str:
+    """Return what a problem document (RFC 9457) says."""
+    try:
+        return str(json.loads(problem)["detail"])
+    except (ValueError, KeyError, TypeError):
+        return problem[:200].decode(errors="replace")
