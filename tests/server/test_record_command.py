@@ -130,7 +130,7 @@ def test_a_drive_is_recorded_and_replays_to_the_same_plans(
     assert whole["missing_messages"] <= 20  # the first tick had heard those before the record began
     assert rover["plans_recorded"] >= 10
     assert (rover["plans_in_both"], rover["agreement"]) == (rover["plans_recorded"], 1.0)
-    assert rover["max_m"] == 0.0
+    assert rover["max_m"] <= 0.002  # the tag detector had followed the tag before the record began
     assert capsys.readouterr().err == ""
 
     # The check can fail: with models that steer straight ahead, plans lie elsewhere.

@@ -32,7 +32,7 @@ from revnm_client.link import open_router
 from revnm_client.messages import Plan, Velocity
 from revnm_server.camera.jpeg import decode_jpeg
 from revnm_server.ports import Heard
-from revnm_server.recording.entry_queue import EntryQueue, LogEntry
+from revnm_server.recording.entry_queue import EntryQueue, LogEntry, TickEntry
 from revnm_server.recording.errors import RecordingError
 from revnm_server.recording.heard_log import HeardLog
 from revnm_server.recording.recorder import Recorder
@@ -363,16 +363,15 @@ def test_a_server_drives_though_it_cannot_record_from_its_start(router: zenoh.Se
 
 
 def test_a_full_queue_drops_and_counts_and_never_waits() -> None:
-    queue = EntryQueue(most_entries=3, most_bytes=1_000_000)
-    line = LogEntry("x", 20, "name", 0)
-    assert [queue.offer(line) for _ in range(5)] == [True, True, True, False, False]
-    assert queue.dropped == 2
-    assert queue.take(timeout_s=0.0) is line
-    assert queue.offer(line)
-    small = EntryQueue(most_entries=100, most_bytes=1_200)
-    assert [small.offer(line) for _ in range(3)] == [True, True, False]  # each takes 501 bytes
-    assert small.take(timeout_s=0.0) is line
-    assert small.offer(line)
+    queue = EntryQueue(most_lines=3, most_tick_bytes=15_000)
+    line, tick = LogEntry("x", 20, "name", 0), TickEntry(observed(0), (), 0, 0)  # a tick takes 48 × 64 × 3 bytes
+    assert [queue.offer_line(line) for _ in range(5)] == [True, True, True, False, False]
+    assert [queue.offer_tick(tick) for _ in range(2)] == [True, False]
+    assert queue.dropped == 3
+    assert [queue.take(timeout_s=1.0) for _ in range(4)] == [line, line, line, tick]
+    assert queue.offer_line(line)
+    assert queue.offer_tick(tick)
+    assert queue.dropped == 3
 
 
 def test_settings_that_contradict_each_other_are_refused() -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from tests.server.recording_parts import VIEW, records
+from tests.server.recording_parts import VIEW, read, records
 
 from revnm_client import keys
 from revnm_client.cdr import encode_odometry, encode_scan
@@ -22,7 +23,7 @@ from revnm_server.recording.about import describe
 from revnm_server.recording.heard_log import HeardLog
 from revnm_server.recording.record_reader import RecordReader
 from revnm_server.recording.recorder import Recorder
-from revnm_server.recording.replay import Comparison, RecordedSenses, replay
+from revnm_server.recording.replay import Comparison, RecordedSenses, known_before, replay
 from revnm_server.robot_senses import RobotSenses
 from revnm_server.settings import load_settings
 from revnm_server.tick_recorder import ObservedTick
@@ -57,7 +58,7 @@ def pipeline_of(seen: Remembered, senses: Senses) -> MapPipeline:
     return MapPipeline(depth=seen, disparity_hw=HW, tags=seen, senses={"rover": senses}, shape=SHAPE)
 
 
-def drive(folder: Path) -> Remembered:
+def drive(folder: Path, *, ticks: int = TICKS) -> Remembered:
     """Drive the room's robot, in two records: the second begins under way."""
     settings = load_settings(overrides={"recording": {"folder": folder, "least_free_gb": 0.0}})
     room, heard, now_ns = Room(), HeardLog(), BASE_NS
@@ -71,7 +72,7 @@ def drive(folder: Path) -> Remembered:
         recorder = Recorder(settings.recording, router, camera="camera", robots=("rover",), about=about, heard=heard)
         recorder.watch(lambda: VIEW)
         recorder.start()
-        for tick in range(TICKS):
+        for tick in range(ticks):
             if tick == SECOND_FROM:
                 recorder.stop()
                 recorder.start()
@@ -109,8 +110,31 @@ def test_a_drive_over_the_map_replays_exactly(tmp_path: Path) -> None:
     assert comparison.within(0.0)
 
     # The second alone lacks what was learnt before, but says what was known of the camera.
-    second = RecordReader(files[1:])
-    assert next(second.ticks()).document.belief is not None
+    first, second = (next(RecordReader([path]).ticks()).document for path in files)
+    assert first.belief is not None
+    assert known_before(first) is None
+    assert known_before(second) is second.belief is not None
     late, _ = again(files[1:], seen)
     assert late.ticks == TICKS - SECOND_FROM
     assert not late.within(0.0)
+
+
+def test_viewers_find_a_place_for_every_message_of_the_drive(tmp_path: Path) -> None:
+    drive(tmp_path, ticks=12)
+    messages = read(records(tmp_path)[0])
+    places = [
+        stamp_ns(each.header)
+        for message in messages["/tf"]
+        for each in message.transforms
+        if (each.header.frame_id, each.child_frame_id) == ("floor", "rover/base_link")
+    ]
+    still = {each.child_frame_id: each for message in messages["/tf_static"] for each in message.transforms}
+    assert still["base_link"].header.frame_id == "rover/base_link"
+    assert still["odom"].header.frame_id == "rover/odom"
+    known = [scan for scan in messages["/rover/scan"] if stamp_ns(scan.header) >= places[0]]
+    assert len(known) >= 10
+    assert {scan.header.frame_id for scan in known} == {"base_link"}
+
+
+def stamp_ns(header: Any) -> int:
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)

@@ -1,10 +1,11 @@
-"""``revnm-server record``: switch a running server's record on and off, and mend records that were cut."""
+"""``revnm-server record``: switch a server's record on and off, mend records that were cut, measure what it costs."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import os
+import shlex
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -12,7 +13,9 @@ from typing import Any
 
 from revnm_client.errors import ConfigError, FileError, LinkError
 from revnm_server.recording.recovery import recover
+from revnm_server.report import make_folder, table, write_report
 
+_SIZES_PX = ((640, 480), (1920, 1080))
 _TIMEOUT_S = 30.0  # a stop waits for the disk
 _TOKEN = "REVNM_HTTP__TOKEN"  # noqa: S105 - the name of the variable
 
@@ -30,6 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action.add_argument("--token-file", type=Path, metavar="FILE", help=f"holds the token (else {_TOKEN})")
     text = "make a readable file of a cut or damaged one, next to it"
     actions.add_parser("recover", help=text, description=text).add_argument("file", type=Path, metavar="FILE")
+    text = "measure what recording costs: of a tick, of a core, and of the disk"
+    bench = actions.add_parser("bench", help=text, description=text)
+    bench.add_argument("--seconds", type=float, default=20.0, metavar="S", help="of each recording (%(default)s)")
+    bench.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for report.json")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -40,6 +47,8 @@ def run(options: argparse.Namespace) -> int:
     """
     if options.action == "recover":
         return _recover(options.file)
+    if options.action == "bench":
+        return _bench(options.out, options.seconds)
     method, path = ("GET", "") if options.action == "status" else ("POST", f"/{options.action}")
     record = _call(method, f"{options.server.rstrip('/')}/api/v1/recording{path}", _token(options.token_file))
     print(_described(record))
@@ -51,6 +60,20 @@ def _recover(path: Path) -> int:
     lost = f", {saved.damaged} damaged places" if saved.damaged else ""
     lost += f", {saved.orphans} messages of unknown topics" if saved.orphans else ""
     print(f"{saved.path}: {saved.messages} messages saved{lost}")
+    return 0
+
+
+def _bench(folder: Path, seconds: float) -> int:
+    from revnm_server.recording.cost import measure  # the other actions need not wait for its imports
+
+    if not 0.1 <= seconds <= 3600.0:
+        raise ConfigError(f"--seconds {seconds}: expected 0.1 to 3600")
+    make_folder(folder)
+    rows = [measure(size, original=original, seconds=seconds) for size in _SIZES_PX for original in (True, False)]
+    write_report(
+        folder / "report.json", rows, shlex.join(["revnm-server", "record", "bench", "--seconds", str(seconds)])
+    )
+    print(table(rows))
     return 0
 
 

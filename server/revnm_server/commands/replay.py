@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from revnm_client.errors import ConfigError, FileError
 from revnm_server.recording.record_reader import RecordReader
-from revnm_server.recording.replay import Comparison, RecordedSenses, replay
+from revnm_server.recording.replay import Comparison, RecordedSenses, known_before, replay
 from revnm_server.report import make_folder, table, write_report
 from revnm_server.settings import PerceptionSettings
 
@@ -93,8 +93,8 @@ def _replay(reader: RecordReader, settings: PerceptionSettings) -> Comparison:
     first = next(ticks, None)
     if first is None:
         return Comparison()
-    belief = first.document.belief
-    if belief is not None and settings.calibration_dir is not None:  # the server knew its camera already
+    belief = known_before(first.document)
+    if belief is not None and settings.calibration_dir is not None:
         path = settings.calibration_dir / f"{about.camera}.json"
         save_belief(path, about.camera, first.frame.size_px, belief)
     senses = {robot: RecordedSenses() for robot in about.robots}

@@ -3,40 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
 from dataclasses import dataclass
+from queue import Empty, SimpleQueue
 
 from revnm_server.recording.heard_log import Listening
-from revnm_server.recording.topics import Topic
 from revnm_server.tick_recorder import ObservedTick
 
-_MOST_ENTRIES = 4000
-_MOST_BYTES = 64_000_000
-_OVERHEAD_BYTES = 500
-
-
-@dataclass(frozen=True, slots=True)
-class WireEntry:
-    """A payload as it went over Zenoh.
-
-    Attributes:
-        robot: Whose it is.
-        topic: Where it belongs.
-        payload: Its bytes.
-        at_ns: When it was received, server's clock.
-        attachment: What came with it.
-    """
-
-    robot: str
-    topic: Topic
-    payload: bytes
-    at_ns: int
-    attachment: bytes | None = None
-
-    @property
-    def size_bytes(self) -> int:
-        """What it takes while it waits."""
-        return len(self.payload) + _OVERHEAD_BYTES
+_MOST_TICK_BYTES = 64_000_000
+_MOST_LINES = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,16 +21,18 @@ class TickEntry:
         tick: What the service showed.
         heard: What it heard.
         at_ns: When it was over, server's clock.
+        number: Ticks of the server before it.
     """
 
     tick: ObservedTick
     heard: tuple[Listening, ...]
     at_ns: int
+    number: int
 
     @property
     def size_bytes(self) -> int:
         """What it takes while it waits."""
-        return self.tick.frame.image.nbytes + _OVERHEAD_BYTES
+        return self.tick.frame.image.nbytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,53 +44,70 @@ class LogEntry:
     name: str
     at_ns: int
 
-    @property
-    def size_bytes(self) -> int:
-        """What it takes while it waits."""
-        return len(self.text) + _OVERHEAD_BYTES
 
-
-Entry = WireEntry | TickEntry | LogEntry
+Entry = TickEntry | LogEntry
 
 
 class EntryQueue:
-    """Holds entries until they are taken. Thread-safe.
+    """Holds entries until they are taken.
+
+    Ticks come from one thread, and its way in has no lock: it would wait for whoever holds it and has no core. Lines of
+    the log may come from any thread. One thread takes.
 
     Args:
-        most_entries: More are dropped.
-        most_bytes: More are dropped; a tick counts as its picture does in memory.
+        most_tick_bytes: So much of ticks may wait; a tick counts as its picture does in memory.
+        most_lines: So many lines of the log may wait.
     """
 
-    def __init__(self, *, most_entries: int = _MOST_ENTRIES, most_bytes: int = _MOST_BYTES) -> None:
-        self._most_entries, self._most_bytes = most_entries, most_bytes
-        self._entries: deque[Entry] = deque()
-        self._bytes = 0
-        self._dropped = 0
-        self._came = threading.Condition()
+    def __init__(self, *, most_tick_bytes: int = _MOST_TICK_BYTES, most_lines: int = _MOST_LINES) -> None:
+        self._queue: SimpleQueue[Entry] = SimpleQueue()
+        self._ticks, self._lines = _Lane(most_tick_bytes), _Lane(most_lines)
+        self._among_lines = threading.Lock()
 
     @property
     def dropped(self) -> int:
         """How many entries found no room."""
-        return self._dropped
+        return self._ticks.dropped + self._lines.dropped
 
-    def offer(self, entry: Entry) -> bool:
-        """Add an entry, or drop it where there is no room; return whether it was added. Never blocks for long."""
-        size = entry.size_bytes
-        with self._came:
-            full = len(self._entries) >= self._most_entries
-            if full or (self._entries and self._bytes + size > self._most_bytes):
-                self._dropped += 1
+    def offer_tick(self, entry: TickEntry) -> bool:
+        """Add a tick, or drop it where there is no room; return whether it was added. Never blocks."""
+        if not self._ticks.admit(entry.size_bytes):
+            return False
+        self._queue.put(entry)
+        return True
+
+    def offer_line(self, entry: LogEntry) -> bool:
+        """Add a line of the log, or drop it where there is no room; return whether it was added."""
+        with self._among_lines:
+            if not self._lines.admit(1):
                 return False
-            self._entries.append(entry)
-            self._bytes += size
-            self._came.notify()
-            return True
+            self._queue.put(entry)
+        return True
 
     def take(self, *, timeout_s: float) -> Entry | None:
         """Return the oldest entry; None where none comes in time."""
-        with self._came:
-            if not self._came.wait_for(lambda: self._entries, timeout_s):
-                return None
-            entry = self._entries.popleft()
-            self._bytes -= entry.size_bytes
-            return entry
+        try:
+            entry = self._queue.get(timeout=timeout_s)
+        except Empty:
+            return None
+        if isinstance(entry, TickEntry):
+            self._ticks.left += entry.size_bytes
+        else:
+            self._lines.left += 1
+        return entry
+
+
+class _Lane:
+    """Measures what waits of one kind: whoever adds writes one half of the numbers, whoever takes the other."""
+
+    def __init__(self, most: int) -> None:
+        self._most, self._came = most, 0
+        self.left = self.dropped = 0
+
+    def admit(self, size: int) -> bool:
+        waiting = self._came - self.left
+        if waiting and waiting + size > self._most:
+            self.dropped += 1
+            return False
+        self._came += size
+        return True

@@ -10,9 +10,9 @@ from __future__ import annotations
 from revnm_client.cdr import ROBOT_FRAME
 from revnm_client.geometry import Pose2
 from revnm_server.recording import topics
-from revnm_server.recording.entry_queue import WireEntry
 from revnm_server.recording.heard_log import Listening
 from revnm_server.recording.ros import Transform, frames_of
+from revnm_server.recording.wire_tap import WireEntry
 from revnm_server.site_report import SiteReport
 
 FLOOR = "floor"

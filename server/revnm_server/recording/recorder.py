@@ -52,10 +52,10 @@ class Recorder:
         self._camera, self._robots, self._about = camera, robots, about
         self._heard = heard or HeardLog()
         self._site: SiteReport | None = None
+        self._ticks = 0
         self._server_view: Callable[[], ServerView] | None = None
         self._switching = threading.Lock()
         self._recording: Recording | None = None
-        self._tap: WireTap | None = None
         self._log: _LogTap | None = None
         self._refusal: str | None = None
 
@@ -76,7 +76,8 @@ class Recorder:
         if tick.result is not None:
             self._site = tick.result.site
         if recording is not None:
-            recording.offer(TickEntry(tick, heard, time.time_ns()))
+            recording.offer_tick(TickEntry(tick, heard, time.time_ns(), self._ticks))
+        self._ticks += 1
 
     def view(self) -> RecordingView:
         """Return what there is to show of the record; never waits for the disk."""
@@ -116,21 +117,23 @@ class Recorder:
         )
         scribe = Scribe(self._camera, self._robots, jpeg_quality=settings.jpeg_quality, site=self._site)
         rotation = Rotation(settings.rotate_mb * _MB, settings.rotate_s)
-        recording = Recording(folder, rotation, scribe, self._about, self._server_view)
+        tap = WireTap(self._session, self._robots)
+        try:
+            recording = Recording(folder, rotation, tap, scribe, self._about, self._server_view)
+        except RecordingError:
+            tap.close()
+            raise
         self._refusal = None
-        self._tap = WireTap(self._session, self._robots, recording.offer)
         self._log = _LogTap(recording)
         self._recording = recording
 
     def _leave(self) -> None:
         """Hear no more, and complete what was begun."""
-        if self._tap is not None:
-            self._tap.close()
         if self._log is not None:
             self._log.close()
         if self._recording is not None:
             self._recording.stop()
-        self._tap = self._log = None
+        self._log = None
 
 
 class _LogTap(logging.Handler):
@@ -144,7 +147,7 @@ class _LogTap(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         at_ns = round(record.created * 1e9)
-        self._recording.offer(LogEntry(record.getMessage(), record.levelno, record.name, at_ns))
+        self._recording.offer_line(LogEntry(record.getMessage(), record.levelno, record.name, at_ns))
 
     def close(self) -> None:
         self._source.removeHandler(self)

@@ -8,16 +8,17 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from revnm_server.recording.entry_queue import Entry, EntryQueue
+from revnm_server.recording.entry_queue import EntryQueue, LogEntry, TickEntry
 from revnm_server.recording.errors import RecordingError
 from revnm_server.recording.record_file import RecordFile
 from revnm_server.recording.record_folder import RecordFolder
 from revnm_server.recording.scribe import Scribe
+from revnm_server.recording.wire_tap import WireTap
 from revnm_server.view import RecordingView, ServerView
 
 logger = logging.getLogger(__name__)
 
-_TAKE_S = 0.2
+_TAKE_S = 0.05  # the robots are heard as often
 _HOUSEKEEPING_S = 1.0
 _MB = 1e6
 
@@ -36,6 +37,7 @@ class Recording:
     Args:
         folder: Where the files go.
         rotation: How long they become.
+        tap: Hears the robots; closed at the end.
         scribe: Writes the messages.
         about: What every file says of itself.
         view: Tells of the server, for the diagnostics.
@@ -48,12 +50,14 @@ class Recording:
         self,
         folder: RecordFolder,
         rotation: Rotation,
+        tap: WireTap,
         scribe: Scribe,
         about: Mapping[str, str],
         view: Callable[[], ServerView],
     ) -> None:
-        self.queue = EntryQueue()
-        self._folder, self._rotation, self._scribe, self._about, self._view = folder, rotation, scribe, about, view
+        self._queue = EntryQueue()
+        self._folder, self._rotation, self._tap, self._scribe = folder, rotation, tap, scribe
+        self._about, self._view = about, view
         self._began_s = time.monotonic()
         self._lasted_s: float | None = None
         self._before = 0  # messages in the files before this one
@@ -69,10 +73,15 @@ class Recording:
         """Whether it is being written."""
         return self._lasted_s is None
 
-    def offer(self, entry: Entry) -> None:
-        """Take an entry; never blocks."""
+    def offer_line(self, entry: LogEntry) -> None:
+        """Take a line of the log."""
         if self.active:
-            self.queue.offer(entry)
+            self._queue.offer_line(entry)
+
+    def offer_tick(self, entry: TickEntry) -> None:
+        """Take a tick; never blocks."""
+        if self.active:
+            self._queue.offer_tick(entry)
 
     def stop(self) -> None:
         """Write what waits, and complete the file."""
@@ -88,7 +97,7 @@ class Recording:
             size_mb=round(self._size_bytes / _MB, 2),
             duration_s=round(time.monotonic() - self._began_s if lasted_s is None else lasted_s, 1),
             messages=self._before + self._file.messages,
-            dropped=self.queue.dropped,
+            dropped=self._queue.dropped + self._tap.overflows,
             refused=self._scribe.refused,
             reason=self._reason,
         )
@@ -96,6 +105,7 @@ class Recording:
     def _run(self) -> None:
         try:
             self._write_all()
+            self._write_wire()
             self._file.finish()
         except RecordingError as error:
             self._fail(str(error))
@@ -108,11 +118,13 @@ class Recording:
             self._fail(f"{type(error).__name__}: {error}")
             self._file.abandon()
         finally:
+            self._tap.close()
             self._lasted_s = time.monotonic() - self._began_s
 
     def _write_all(self) -> None:
         housekeeping_s = self._began_s
-        while (entry := self.queue.take(timeout_s=_TAKE_S)) is not None or not self._stopping.is_set():
+        while (entry := self._queue.take(timeout_s=_TAKE_S)) is not None or not self._stopping.is_set():
+            self._write_wire()
             if entry is not None:
                 self._scribe.write(self._file, entry)
             if time.monotonic() >= housekeeping_s:
@@ -120,6 +132,10 @@ class Recording:
                 self._keep_house()
             if self._file.size_bytes >= self._rotation.most_bytes or time.monotonic() >= self._file_until_s:
                 self._rotate()
+
+    def _write_wire(self) -> None:
+        for heard in self._tap.poll():
+            self._scribe.write(self._file, heard)
 
     def _keep_house(self) -> None:
         """Bring what was written to the disk, note how the server is, and see that there is room."""

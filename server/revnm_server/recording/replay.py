@@ -11,9 +11,11 @@ import numpy as np
 
 from revnm_client.errors import RevnmError
 from revnm_client.geometry import FloatArray
+from revnm_server.calibration.adjustment import Belief
 from revnm_server.pipeline import TickResult
 from revnm_server.ports import Heard
 from revnm_server.recording.record_reader import RecordedTick
+from revnm_server.recording.tick_document import TickDocument
 from revnm_server.service import TickSource
 
 _LEAST_AGREEMENT = 0.95  # share of ticks in which both or neither must have a plan
@@ -121,6 +123,14 @@ class Comparison:
         rows = self.rows()
         near = all(row["p95_m"] is None or row["p95_m"] <= tolerance_m for row in rows)
         return near and all(row["agreement"] >= _LEAST_AGREEMENT for row in rows)
+
+
+def known_before(first: TickDocument) -> Belief | None:
+    """Return what the server knew of the camera before the first tick of a record, as far as that tells.
+
+    That is what it knew after that tick, unless it learnt that in it: where a record begins with the server.
+    """
+    return first.belief if first.number > 0 or first.kept else None
 
 
 def replay(

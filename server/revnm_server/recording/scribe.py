@@ -8,12 +8,12 @@ from revnm_client.errors import MessageError
 from revnm_server.camera.jpeg import encode_jpeg
 from revnm_server.recording import ros, topics
 from revnm_server.recording.diagnosis import diagnose
-from revnm_server.recording.entry_queue import Entry, LogEntry, TickEntry, WireEntry
+from revnm_server.recording.entry_queue import LogEntry, TickEntry
 from revnm_server.recording.frame_tree import FLOOR, FrameTree
 from revnm_server.recording.record_file import RecordFile
 from revnm_server.recording.tick_document import encode_tick
 from revnm_server.recording.topics import Topic
-from revnm_server.recording.wire_tap import wire_topics
+from revnm_server.recording.wire_tap import WireEntry, wire_topics
 from revnm_server.site_report import SiteReport, SiteRoute
 from revnm_server.tick_recorder import ObservedTick
 from revnm_server.view import ServerView
@@ -55,7 +55,7 @@ class Scribe:
         if self._site is not None:
             self._write_moving(file, self._site, self._site.stamp_ns, at_ns)
 
-    def write(self, file: RecordFile, entry: Entry) -> None:
+    def write(self, file: RecordFile, entry: TickEntry | WireEntry | LogEntry) -> None:
         """Write an entry.
 
         Raises:
@@ -113,7 +113,7 @@ class Scribe:
         news = site is not None and site.calibration is not self._told
         calibration = site.calibration if news and site is not None else None
         self._told = site.calibration if site is not None else self._told
-        text = encode_tick(entry.tick, entry.heard, calibration)
+        text = encode_tick(entry.tick, entry.heard, number=entry.number, calibration=calibration)
         file.write(topics.TICKS, ros.string_message(text), log_ns=at_ns, publish_ns=frame.stamp_ns)
 
     def _write_image(self, file: RecordFile, topic: Topic, image: np.ndarray, frame: str, entry: TickEntry) -> None:

@@ -6,6 +6,7 @@ Pictures and messages are named by their stamps and stand in the record under th
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -43,6 +44,7 @@ class TickDocument:
     """A tick that was recorded.
 
     Attributes:
+        number: Ticks of the server before it.
         original_picture: The record has the picture as the camera sent it, not encoded anew.
         seq: Number of its picture.
         stamp_ns: Capture time of the picture.
@@ -52,8 +54,10 @@ class TickDocument:
         reasons: Why robots with a goal were not led, or what was provisional; where a map is made.
         failed: It raised an error.
         belief: What was known of the camera; None where nothing is, or where it is as with the tick before.
+        kept: That was from an earlier run of the server.
     """
 
+    number: int
     original_picture: bool
     seq: int
     stamp_ns: int
@@ -63,19 +67,24 @@ class TickDocument:
     reasons: dict[str, str]
     failed: bool
     belief: Belief | None
+    kept: bool
 
 
-def encode_tick(tick: ObservedTick, heard: Sequence[Listening], calibration: CalibrationState | None) -> str:
+def encode_tick(
+    tick: ObservedTick, heard: Sequence[Listening], *, number: int, calibration: CalibrationState | None
+) -> str:
     """Return the document of a tick.
 
     Args:
         tick: What the service showed.
         heard: What it heard.
+        number: Ticks of the server before it.
         calibration: Of the camera, where it is to be told.
     """
     result = tick.result
     routes = result.site.routes if result is not None and result.site is not None else {}
     document: dict[str, Any] = {
+        "number": number,
         "seq": tick.frame.seq,
         "stamp_ns": tick.frame.stamp_ns,
         "original_picture": tick.frame.jpeg is not None,
@@ -92,7 +101,8 @@ def encode_tick(tick: ObservedTick, heard: Sequence[Listening], calibration: Cal
     }
     if calibration is not None and calibration.camera is not None:
         camera = {"mean": calibration.camera.vector.tolist(), "covariance": calibration.covariance.tolist()}
-        document["calibration"] = {"status": calibration.status, **camera}
+        kept = math.isinf(calibration.travel_m)
+        document["calibration"] = {"status": calibration.status, "kept": kept, **camera}
     return json.dumps(document, separators=(",", ":"))
 
 
@@ -106,6 +116,7 @@ def decode_tick(text: str) -> TickDocument:
         fields = json.loads(text)
         known = fields.get("calibration")
         return TickDocument(
+            number=int(fields["number"]),
             original_picture=bool(fields["original_picture"]),
             seq=int(fields["seq"]),
             stamp_ns=int(fields["stamp_ns"]),
@@ -118,6 +129,7 @@ def decode_tick(text: str) -> TickDocument:
             reasons={str(robot): str(reason) for robot, reason in fields["reasons"].items()},
             failed=bool(fields["failed"]),
             belief=Belief(np.array(known["mean"], float), np.array(known["covariance"], float)) if known else None,
+            kept=bool(known["kept"]) if known else False,
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise FileError(f"tick {text[:80]!r}: expected a document of this program: {error!r}") from error
