@@ -23,6 +23,7 @@ from revnm_client.messages import CompressedImage
 from revnm_server.app import RunningServer, running_server
 from revnm_server.camera.jpeg import encode_jpeg
 from revnm_server.cli import main
+from revnm_server.recording.cost import measure
 from revnm_server.settings import load_settings
 
 from .free_port import free_port
@@ -176,3 +177,13 @@ def test_a_server_without_a_folder_says_what_to_set(
         assert "401" in capsys.readouterr().err
         assert main([*words, "--token-file", str(token_file)]) == 2
         assert "409: nothing can be recorded: set recording.folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("original", [True, False])
+def test_the_cost_is_measured_on_a_record(original: bool) -> None:
+    row = measure((64, 48), original=original, seconds=0.3)
+    assert (row["ticks"], row["dropped"], row["width_px"]) == (3, 0, 64)
+    assert row["pictures"] == ("original" if original else "encoded")
+    assert 0.0 < row["tick_p50_us"] <= row["tick_p95_us"]
+    assert row["mb_per_min"] > 1.0
+    assert row["writer_cpu_share"] > 0.0

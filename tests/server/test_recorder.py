@@ -104,8 +104,8 @@ def test_a_tick_is_recorded_for_viewers(router: zenoh.Session, tmp_path: Path) -
     assert tick.result is not None
     depth = messages["/cam/depth"][0]
     assert (depth.height, depth.width, depth.encoding) == (6, 8, "16UC1")
-    disparity = depth.data.view("<u2").reshape(6, 8) / 65535.0
-    np.testing.assert_allclose(disparity, tick.result.disparity, atol=1e-5)
+    disparity = depth.data.view("<u2").reshape(6, 8) / 1000.0
+    np.testing.assert_allclose(disparity, tick.result.disparity, atol=5.1e-4)
     ego = messages["/rover/revnm/ego_depth"][0]
     np.testing.assert_array_equal(ego.data.view("<f4").reshape(6, 8), tick.result.ego_depths["rover"])
     goal, pixel = messages["/rover/goal"][0], messages["/rover/goal_pixel"][0]

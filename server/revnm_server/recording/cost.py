@@ -38,7 +38,7 @@ _HZ = 10.0
 _ODOMETRY_PER_TICK, _BEAMS = 4, 720
 _PICTURES = 10  # that take turns
 _NOISE = 3.0  # gray levels, as of a sensor indoors
-_DISPARITY_HW, _EGO_PX = (96, 128), 32
+_DISPARITY_HW, _EGO_PX = (192, 256), 32  # of the shipped bundle
 _MB = 1e6
 
 
@@ -138,7 +138,7 @@ def _tick(frame: Frame) -> ObservedTick:
     way_m = np.column_stack([np.linspace(2.0, 7.0, 100), np.zeros(100)])
     route = SiteRoute("", way_m, None, way_m[-1])
     site = SiteReport(frame.stamp_ns, calibration, None, {_ROBOT: Pose2(2.0, 0.0, 0.1)}, {_ROBOT: route}, (), {})
-    disparity = cv2.resize(rng.random((8, 10), dtype=np.float32), _DISPARITY_HW[::-1])
+    disparity = cv2.resize(rng.random((24, 32), dtype=np.float32), _DISPARITY_HW[::-1])
     ego = cv2.resize(rng.random((4, 4), dtype=np.float32), (_EGO_PX, _EGO_PX))
     plans = (RobotPlan(_ROBOT, way_m[:5], frame.stamp_ns, goal.id),)
     result = TickResult(plans, (), np.asarray(disparity), {_ROBOT: np.asarray(ego)}, {"tick": 20.0}, site)

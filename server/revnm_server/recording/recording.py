@@ -20,6 +20,7 @@ logger = logging.getLogger(__name__)
 
 _TAKE_S = 0.05  # the robots are heard as often
 _HOUSEKEEPING_S = 1.0
+_STOP_S = 20.0
 _MB = 1e6
 
 
@@ -73,20 +74,26 @@ class Recording:
         """Whether it is being written."""
         return self._lasted_s is None
 
+    @property
+    def _wanted(self) -> bool:
+        return self.active and not self._stopping.is_set()  # else a slow disk would never be done with the last ones
+
     def offer_line(self, entry: LogEntry) -> None:
         """Take a line of the log."""
-        if self.active:
+        if self._wanted:
             self._queue.offer_line(entry)
 
     def offer_tick(self, entry: TickEntry) -> None:
         """Take a tick; never blocks."""
-        if self.active:
+        if self._wanted:
             self._queue.offer_tick(entry)
 
     def stop(self) -> None:
-        """Write what waits, and complete the file."""
+        """Write what waits, and complete the file; waits for the disk, but not for ever."""
         self._stopping.set()
-        self._thread.join()
+        self._thread.join(_STOP_S)
+        if self._thread.is_alive():
+            self._fail(f"the disk has not taken its end within {_STOP_S:.0f} s")
 
     def view(self) -> RecordingView:
         """Return what there is to show; never waits for the disk."""

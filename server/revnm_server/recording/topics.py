@@ -95,7 +95,7 @@ def camera_info(camera: str) -> Topic:
 
 
 def depth(camera: str) -> Topic:
-    """The picture's disparity, [0, 1] as 0 to 65535."""
+    """The picture's disparity in thousandths of its range: viewers show 1000, the nearest, as a metre."""
     return Topic(f"/{keys.check_name(camera)}/depth", "sensor_msgs/msg/Image")
 
 
