@@ -7,7 +7,9 @@ import json
 import logging
 import os
 import resource
+import shutil
 import struct
+import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,6 +34,7 @@ from revnm_client.link import open_router
 from revnm_client.messages import Plan, Velocity
 from revnm_server.camera.jpeg import decode_jpeg
 from revnm_server.ports import Heard
+from revnm_server.recording.about import describe
 from revnm_server.recording.entry_queue import EntryQueue, LogEntry, TickEntry
 from revnm_server.recording.errors import RecordingError
 from revnm_server.recording.heard_log import HeardLog
@@ -340,6 +343,22 @@ def test_too_little_free_space_refuses_or_stops(router: zenoh.Session, tmp_path:
         made.start()
 
 
+@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="needs a small disk of its own: /dev/shm")
+def test_a_disk_that_others_fill_ends_the_record_in_order(router: zenoh.Session) -> None:
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as name:
+        folder, filler = Path(name), Path(name) / "filler"
+        filler.write_bytes(bytes(20_000_000))
+        least_free_gb = shutil.disk_usage(folder).free / 1e9
+        filler.write_bytes(b"")
+        with recorder(router, folder, least_free_gb=least_free_gb) as made:
+            made.start()
+            made.observe(observed(0))
+            filler.write_bytes(bytes(30_000_000))
+            eventually(lambda: not made.view().active)
+            assert "GB free" in str(made.view().reason)
+        assert read(records(folder)[0])["/revnm/tick"]
+
+
 def test_a_folder_that_is_none_is_refused_in_words(router: zenoh.Session, tmp_path: Path) -> None:
     taken = tmp_path / "taken"
     taken.write_text("a file")
@@ -379,6 +398,22 @@ def test_settings_that_contradict_each_other_are_refused() -> None:
         load_settings(overrides={"recording": {"from_start": True}})
     with pytest.raises(ConfigError, match="holds no two files"):
         load_settings(overrides={"recording": {"quota_gb": 0.9, "rotate_mb": 500}})
+
+
+def test_a_record_says_what_made_it_and_nothing_secret(tmp_path: Path, tiny_bundle: Path) -> None:
+    settings = load_settings(
+        overrides={
+            "camera": {"url": "rtsp://admin:s3cret@camera/stream", "name": "hall"},
+            "http": {"token": "0123456789abcdefXYZ"},
+        }
+    )
+    about = describe(settings, tiny_bundle)
+    told = json.loads(about["settings"])
+    assert told["camera"] == {"name": "hall", "url": "rtsp://***@camera/stream"}
+    assert told["perception"]["planner"] == "revnm"
+    assert set(told) == {"camera", "perception", "robots"}
+    assert len(about["bundle_manifest_sha256"]) == 64
+    assert not any(secret in str(about) for secret in ("s3cret", "0123456789abcdefXYZ"))
 
 
 def test_threads_may_switch_at_once(router: zenoh.Session, tmp_path: Path) -> None:
