@@ -54,7 +54,7 @@ def test_the_recorder_sees_what_the_service_does(router: zenoh.Session, tmp_path
     assert any(tick["failed"] for tick in ticks)
     led = [tick for tick in ticks if tick["published"] == ["rover"]]
     assert {tick["goals"]["rover"]["id"] for tick in led} == {goal.id}
-    # The plan of every tick is there as it was sent; of the last ones, which were sent while the record ended, maybe more.
+    # The plan of every tick is there as it was sent; while the record ended, some more were sent.
     sent = {json.loads(message.data)["seq"] for message in messages["/rover/waypoints/ticket"]}
     assert 3 <= len(led) <= len(sent)
     assert any("tick failed" in line.msg for line in messages["/rosout"])
