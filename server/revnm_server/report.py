@@ -1,18 +1,19 @@
-"""``report.json`` and the table on the terminal."""
+"""``report.json`` of commands that measure, and their table on the terminal."""
 
 from __future__ import annotations
 
 import json
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from revnm_client.errors import FileError
 
-_PACKAGES = ("revnm-client", "revnm-server", "numpy", "numba", "onnxruntime")
+PACKAGES = ("revnm-client", "revnm-server", "numpy", "numba", "onnxruntime")
+"""Whose versions matter wherever the server's code is measured."""
 
 
 def make_folder(path: Path) -> None:
@@ -29,11 +30,11 @@ def make_folder(path: Path) -> None:
 
 def write_report(
     path: Path,
-    rows: Sequence[dict[str, Any]],
+    rows: Sequence[Mapping[str, Any]],
     command: str,
     *,
-    packages: Sequence[str] = _PACKAGES,
-    comparisons: Sequence[dict[str, Any]] | None = None,
+    packages: Sequence[str] = PACKAGES,
+    more: Mapping[str, Sequence[Mapping[str, Any]]] | None = None,
 ) -> None:
     """Write a report; it appears whole or not at all.
 
@@ -41,12 +42,12 @@ def write_report(
         path: ``report.json``.
         rows: One flat object a row, snake_case keys with units.
         command: The command line that made it.
-        packages: Their versions are told.
-        comparisons: One flat object per two methods, where methods are compared.
+        packages: Whose versions to note.
+        more: Other tables, by name.
     """
     report = {
         "rows": list(rows),
-        **({} if comparisons is None else {"comparisons": list(comparisons)}),
+        **{name: list(table) for name, table in (more or {}).items()},
         "command": command,
         "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}},
         "machine": {"system": platform.platform(), "processor": platform.machine(), "cores": os.cpu_count()},
@@ -56,7 +57,7 @@ def write_report(
     partial.replace(path)
 
 
-def table(rows: Sequence[dict[str, Any]]) -> str:
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the rows as a Markdown table; all rows have the same keys."""
     if not rows:
         return ""

@@ -1,4 +1,4 @@
-"""``report.json`` and the table on the terminal, with the versions of what the simulator's figures depend on."""
+"""``report.json`` of the simulator's commands: as the server's, with versions and comparisons of its own."""
 
 from __future__ import annotations
 
@@ -11,11 +11,19 @@ from revnm_server.report import make_folder, table
 
 __all__ = ["make_folder", "table", "write_report"]
 
-_PACKAGES = ("revnm-client", "revnm-server", "revnm-sim", "numpy", "numba", "onnxruntime", "pybullet")
+_PACKAGES = (*report.PACKAGES, "revnm-sim", "pybullet")
 
 
 def write_report(
     path: Path, rows: Sequence[dict[str, Any]], command: str, *, comparisons: Sequence[dict[str, Any]] | None = None
 ) -> None:
-    """Write a report: :func:`revnm_server.report.write_report`."""
-    report.write_report(path, rows, command, packages=_PACKAGES, comparisons=comparisons)
+    """Write a report; it appears whole or not at all.
+
+    Args:
+        path: ``report.json``.
+        rows: One flat object a row, snake_case keys with units.
+        command: The command line that made it.
+        comparisons: One flat object per two methods, where methods are compared.
+    """
+    more = None if comparisons is None else {"comparisons": comparisons}
+    report.write_report(path, rows, command, packages=_PACKAGES, more=more)
