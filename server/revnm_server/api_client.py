@@ -1,4 +1,4 @@
-"""Asks a server that runs, by its HTTP API and its own settings; for commands on the same machine."""
+"""Calls the HTTP API of a server that runs; for the other commands of ``revnm-server``."""
 
 from __future__ import annotations
 
@@ -6,52 +6,84 @@ import json
 import ssl
 import urllib.error
 import urllib.request
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
 
-from revnm_client.errors import LinkError
+from revnm_client.errors import ConfigError, LinkError
 from revnm_server.settings import HttpSettings
 
-_ANSWER_S = 2.0
 _EVERYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # noqa: S104 - what others bind, and where they are reached
 
 
-def ask(http: HttpSettings, path: str) -> Any:
-    """Return what the server answers to ``GET /api/v1/<path>``; None where nothing answers at its address.
+class NoServerError(LinkError):
+    """Nothing listens at the address."""
 
-    Args:
-        http: The server's own settings: its address, token and certificate.
-        path: What is asked for.
+
+@dataclass(frozen=True, slots=True)
+class ServerAddress:
+    """Where a server is, and how it is spoken to.
+
+    Attributes:
+        url: ``http://HOST:PORT`` or ``https://HOST:PORT``.
+        token: The operator's or a viewer's; None for a server without.
+        certificate: The one to trust, PEM, whatever name it was made for; None trusts the usual authorities.
+    """
+
+    url: str
+    token: str | None = None
+    certificate: Path | None = None
+
+    @classmethod
+    def of(cls, http: HttpSettings) -> ServerAddress:
+        """Return where the server of these settings is, seen from its own machine."""
+        host = _EVERYWHERE.get(http.host, http.host)
+        host = f"[{host}]" if ":" in host else host
+        scheme = "http" if http.certificate is None else "https"
+        token = http.token.get_secret_value() if http.token is not None else None
+        return cls(f"{scheme}://{host}:{http.port}", token, http.certificate)
+
+
+def call(address: ServerAddress, method: Literal["GET", "POST"], path: str, *, within_s: float = 2.0) -> Any:
+    """Call ``/api/v1/<path>`` and return the answer's JSON document.
 
     Raises:
-        LinkError: Something answers that is no server of ours, or does not take the token.
+        ConfigError: The URL is none of HTTP, or the certificate cannot be read.
+        NoServerError: Nothing listens there.
+        LinkError: What answers refuses, or is no server of ours.
     """
-    headers = {"Authorization": f"Bearer {http.token.get_secret_value()}"} if http.token is not None else {}
-    url = f"{_address(http)}/api/v1/{path}"
-    opener = urllib.request.build_opener(
-        urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=_context(http))
-    )
+    url = f"{address.url.rstrip('/')}/api/v1/{path}"
+    if not url.startswith(("http://", "https://")):
+        raise ConfigError(f"{address.url}: expected http://HOST:PORT or https://HOST:PORT")
+    headers = {"Authorization": f"Bearer {address.token}"} if address.token else {}
     try:
-        with opener.open(urllib.request.Request(url, headers=headers), timeout=_ANSWER_S) as answer:  # noqa: S310
+        request = urllib.request.Request(url, method=method, headers=headers)  # noqa: S310 - checked above
+        with _opener(address).open(request, timeout=within_s) as answer:
             return json.loads(answer.read())
     except urllib.error.HTTPError as error:
-        raise LinkError(f"{url} answers {error.code}: is it the server of these settings?") from error
+        with error:
+            raise LinkError(f"{url} answers {error.code}: {_detail(error.read())}") from error
     except ValueError as error:
-        raise LinkError(f"{url} is no ReVNM server: stop it, or choose another http.port") from error
+        raise LinkError(f"{url} is no ReVNM server: {error}") from error
     except OSError as error:  # URLError is one
         reason = error.reason if isinstance(error, urllib.error.URLError) else error
-        if isinstance(reason, ConnectionRefusedError):
-            return None
-        raise LinkError(f"{url}: {reason}") from error
+        kind = NoServerError if isinstance(reason, ConnectionRefusedError) else LinkError
+        raise kind(f"{url}: {reason}") from error
 
 
-def _address(http: HttpSettings) -> str:
-    host = _EVERYWHERE.get(http.host, http.host)
-    scheme = "http" if http.certificate is None else "https"
-    return f"{scheme}://[{host}]:{http.port}" if ":" in host else f"{scheme}://{host}:{http.port}"
+def _opener(address: ServerAddress) -> urllib.request.OpenerDirector:
+    try:
+        context = ssl.create_default_context(cafile=address.certificate)
+    except OSError as error:
+        raise ConfigError(f"certificate {address.certificate}: {error}") from error
+    context.check_hostname = address.certificate is None
+    direct = urllib.request.ProxyHandler({})  # the server is near
+    return urllib.request.build_opener(direct, urllib.request.HTTPSHandler(context=context))
 
 
-def _context(http: HttpSettings) -> ssl.SSLContext:
-    """Trust the server's own certificate, whatever name it was made for: it is asked by the address that it binds."""
-    context = ssl.create_default_context(cafile=http.certificate)
-    context.check_hostname = False
-    return context
+def _detail(problem: bytes) -> str:
+    """Return what a problem document (RFC 9457) says."""
+    try:
+        return str(json.loads(problem)["detail"])
+    except (ValueError, KeyError, TypeError):
+        return problem[:200].decode(errors="replace")

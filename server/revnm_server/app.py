@@ -37,6 +37,9 @@ from revnm_server.mission import Mission
 from revnm_server.pipeline import Pipeline
 from revnm_server.policy import OnnxFloorPolicy, OnnxPolicy
 from revnm_server.ports import Senses
+from revnm_server.recording.about import describe
+from revnm_server.recording.heard_log import HeardLog
+from revnm_server.recording.recorder import Recorder
 from revnm_server.restarts import RestartingPipeline
 from revnm_server.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
@@ -159,16 +162,29 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         session = stack.enter_context(open_router(settings.zenoh.listen))
         camera = open_camera(settings.camera.url, session)
         stack.callback(camera.close)
+        heard = HeardLog()
+        about = describe(settings, settings.perception.bundle or default_bundle_path())
+        recorder = Recorder(
+            settings.recording,
+            session,
+            camera=settings.camera.name,
+            robots=tuple(settings.robots),
+            about=about,
+            heard=heard,
+        )
+        stack.callback(recorder.close)
         service = NavigationService(
             session,
             camera=camera,
-            pipeline=_pipeline(models, settings, session, stack),
+            pipeline=_pipeline(models, settings, session, heard, stack),
             mission=mission,
             tick_hz=settings.perception.tick_hz,
             tag_size_m=settings.perception.tag_size_m,
             robot_size_m=(settings.perception.robot_length_m, settings.perception.robot_width_m),
             notes=notes,
+            recorder=recorder,
         )
+        recorder.watch(service.view)
         answers = stack.enter_context(_serving_http(service, settings.http, listener))
         stack.callback(service.close)
         service.start()
@@ -188,11 +204,12 @@ def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[s
 
 
 def _pipeline(
-    models: Bundle | DepthBundle, settings: Settings, session: zenoh.Session, stack: ExitStack
+    models: Bundle | DepthBundle, settings: Settings, session: zenoh.Session, heard: HeardLog, stack: ExitStack
 ) -> RestartingPipeline:
-    senses = {robot: RobotSenses(session, robot) for robot in settings.robots if _plans_on_map(models)}
-    for each in senses.values():
+    own = {robot: RobotSenses(session, robot) for robot in settings.robots if _plans_on_map(models)}
+    for each in own.values():
         stack.callback(each.close)
+    senses = {robot: heard.along(robot, each) for robot, each in own.items()}
     loaded = [models]  # later ones are read again from their files
 
     def build() -> Pipeline | MapPipeline:

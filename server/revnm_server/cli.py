@@ -14,6 +14,8 @@ _HELP = {
     "doctor": "look at camera, tags, models, tick and robots, and say what to mend",
     "config": "check a settings file, or print its schema",
     "models": "list depth networks of others, and fetch one",
+    "record": "switch a running server's record on and off, and mend records that were cut",
+    "replay": "make the plans of a record again, and compare them",
 }
 
 

@@ -21,11 +21,13 @@ class Frame:
         image: (H, W, 3) uint8, RGB.
         stamp_ns: Capture time, nanoseconds since the epoch, server's clock.
         seq: Counts up; two frames with one number are the same frame.
+        jpeg: The picture as the camera sent it, where that was a JPEG.
     """
 
     image: NDArray[np.uint8]
     stamp_ns: int
     seq: int
+    jpeg: bytes | None = None
 
     @property
     def size_px(self) -> tuple[int, int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +23,7 @@ from revnm_server.view import (
     CalibrationView,
     CameraView,
     GoalView,
+    RecordingView,
     RobotView,
     ServerView,
     Status,
@@ -124,6 +125,7 @@ class Overview:
         tag_size_m: Side of the robots' tags, for drawing paths.
         robot_size_m: Length and width of a robot, for drawing it.
         notes: Warnings that hold all the time.
+        recording: Tells of the run record.
     """
 
     def __init__(
@@ -136,6 +138,7 @@ class Overview:
         tag_size_m: float,
         robot_size_m: tuple[float, float],
         notes: Sequence[str] = (),
+        recording: Callable[[], RecordingView] | None = None,
     ) -> None:
         self._camera = camera
         self._mission = mission
@@ -143,6 +146,7 @@ class Overview:
         self._courier = courier
         self._tag_size_m, self._robot_size_m = tag_size_m, robot_size_m
         self._notes = tuple(notes)
+        self._recording = recording
         self._lock = threading.Lock()
         self._known = _Known()
 
@@ -249,6 +253,7 @@ class Overview:
             warnings=self._warnings(status, site),
             rejected=self._rejected(status) | (site.rejected if site is not None else {}),
             robot_size_m=self._robot_size_m,
+            recording=self._recording() if self._recording is not None else None,
         )
 
     def _warnings(self, status: CameraStatus, site: SiteReport | None) -> list[str]:

@@ -92,10 +92,14 @@ class BeliefRequest:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What a robot sent since it was listened to last, oldest first, stamps in the server's clock."""
+    """What a robot sent since it was listened to last, oldest first, stamps in the server's clock.
+
+    ``clock_offset_ns`` was added to the robot's own stamps.
+    """
 
     odometry: tuple[Odometry, ...] = ()
     scans: tuple[Scan, ...] = ()
+    clock_offset_ns: int = 0
 
 
 class Senses(Protocol):

@@ -97,6 +97,7 @@ class RobotSenses:
         return Heard(
             tuple(self._dated(odometry, self._odometry.key, since_ns)),
             tuple(self._dated(scans, self._scans.key, since_ns)),
+            self._clock.offset_ns or 0,
         )
 
     def close(self) -> None:

@@ -24,6 +24,7 @@ from revnm_server.overview import Overview, SeenTick, SentPlan, Tally
 from revnm_server.pipeline import RobotPlan, TickResult
 from revnm_server.robot_link import RobotLink
 from revnm_server.site_report import SiteReport
+from revnm_server.tick_recorder import ObservedTick, TickRecorder
 from revnm_server.view import ServerView
 
 logger = logging.getLogger(__name__)
@@ -52,6 +53,7 @@ class NavigationService:
         tag_size_m: Side of the robots' tags, for drawing.
         robot_size_m: Length and width of a robot, for drawing.
         notes: What is odd about how it was put together, for whoever looks.
+        recorder: Is shown every tick; closed by the owner.
     """
 
     def __init__(
@@ -65,9 +67,11 @@ class NavigationService:
         tag_size_m: float = 0.30,
         robot_size_m: tuple[float, float] = (0.43, 0.36),
         notes: Sequence[str] = (),
+        recorder: TickRecorder | None = None,
     ) -> None:
         self.camera = camera
         self.mission = mission
+        self.recorder = recorder
         self._pipeline = pipeline
         self._period_s = 1.0 / tick_hz
         self._links = {robot: RobotLink(session, robot) for robot in mission.names}
@@ -80,6 +84,7 @@ class NavigationService:
             tag_size_m=tag_size_m,
             robot_size_m=robot_size_m,
             notes=notes,
+            recording=recorder.view if recorder is not None else None,
         )
         self._publishing = threading.Lock()
         self._closing = threading.Event()
@@ -176,7 +181,7 @@ class NavigationService:
         if self.camera.status().state is not CameraState.RUNNING:
             return
         goals = self.mission.driving_goals()
-        result = self._pipeline.step(frame, goals)
+        result = self._step(frame, goals)
         now_seen = {s.robot: s for s in result.sightings if s.robot in self._links}
         for robot, sighting in now_seen.items():
             if sighting.stamp_ns == frame.stamp_ns:
@@ -189,6 +194,17 @@ class NavigationService:
         sent = {plan.robot: self._publish(plan, now_seen.get(plan.robot)) for plan in result.plans}
         published = {robot: plan for robot, plan in sent.items() if plan is not None}
         self._overview.note_tick(SeenTick(frame.stamp_ns, frame.size_px, result), published)
+        if self.recorder is not None:
+            self.recorder.observe(ObservedTick(frame, goals, result, frozenset(published)))
+
+    def _step(self, frame: Frame, goals: Mapping[str, Goal]) -> TickResult:
+        """Let the pipeline see a picture; a record has those, too, at which it failed."""
+        try:
+            return self._pipeline.step(frame, goals)
+        except Exception:
+            if self.recorder is not None:
+                self.recorder.observe(ObservedTick(frame, goals, None, frozenset()))
+            raise
 
     def _publish(self, plan: RobotPlan, sighting: RobotSighting | None) -> SentPlan | None:
         """Send a plan if it is still fresh and still wanted."""

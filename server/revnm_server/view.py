@@ -166,6 +166,31 @@ class TimingView:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordingView:
+    """The run record that is being written, or the last one.
+
+    Attributes:
+        active: Whether one is being written.
+        name: Of its newest file; None before the first.
+        size_mb: What the file holds by now.
+        duration_s: Since the recording began, over all of its files.
+        messages: Written since then.
+        dropped: Messages and ticks that were lost since then, because the disk was too slow.
+        refused: Malformed payloads since then, which are not recorded.
+        reason: Why it is not being written although it was to be; None where all is well.
+    """
+
+    active: bool = False
+    name: str | None = None
+    size_mb: float = 0.0
+    duration_s: float = 0.0
+    messages: int = 0
+    dropped: int = 0
+    refused: int = 0
+    reason: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class ServerView:
     """Everything the page shows.
 
@@ -179,6 +204,7 @@ class ServerView:
         warnings: What is odd, though it works.
         rejected: Number of malformed payloads by Zenoh key.
         robot_size_m: Length and width of a robot, metres.
+        recording: The run record; None where none can be written.
     """
 
     camera: CameraView
@@ -189,6 +215,7 @@ class ServerView:
     warnings: list[str]
     rejected: dict[str, int]
     robot_size_m: Pair
+    recording: RecordingView | None = None
 
 
 class Timings:

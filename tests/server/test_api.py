@@ -107,6 +107,12 @@ def test_a_goal_is_set_and_dropped(api: Api, service: NavigationService, feed: N
     assert service.mission.of("rover").goal is None
 
 
+def test_a_server_without_a_recorder_says_so(api: Api) -> None:
+    assert api.call("GET", "/api/v1/state").json()["recording"] is None
+    for method, path in (("GET", ""), ("POST", "/start"), ("POST", "/stop")):
+        assert "without a recorder" in assert_problem(api.call(method, f"/api/v1/recording{path}"), 409)["detail"]
+
+
 @pytest.mark.parametrize(
     "body",
     [

@@ -11,6 +11,7 @@ from revnm_server.api import problems
 from revnm_server.api.guard import GUARD_STATUSES, Guard, Role
 from revnm_server.api.health import health_router
 from revnm_server.api.live import live_router
+from revnm_server.api.recording import recording_router
 from revnm_server.api.robots import robots_router
 from revnm_server.api.session import session_router
 from revnm_server.service import NavigationService
@@ -40,7 +41,13 @@ def create_application(service: NavigationService, settings: HttpSettings) -> Fa
         openapi_url="/api/v1/openapi.json",
     )
     problems.install(app)
-    for router in (robots_router(service), live_router(service), health_router(service), session_router()):
+    for router in (
+        robots_router(service),
+        live_router(service),
+        recording_router(service),
+        health_router(service),
+        session_router(),
+    ):
         app.include_router(router, responses=problems.responses(*GUARD_STATUSES))
     app.include_router(_page_router())
     roles = _roles(settings)

@@ -14,6 +14,7 @@ from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
 from revnm_server.mission import GoalError, StoppedError, UnknownRobotError
+from revnm_server.recording.errors import RecordingError
 
 logger = logging.getLogger(__name__)
 
@@ -85,6 +86,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(UnknownRobotError, unknown_robot)
     app.add_exception_handler(GoalError, bad_goal)
     app.add_exception_handler(StoppedError, conflict)
+    app.add_exception_handler(RecordingError, conflict)
     app.add_exception_handler(HTTPException, http)
     app.add_exception_handler(RequestValidationError, invalid)
     app.add_exception_handler(Exception, failed)

@@ -13,7 +13,8 @@ MAX_PIXELS = 33_177_600
 
 MIN_SIDE_PX = 32
 _NO_FRAME_MARKERS = {0xC4, 0xC8, 0xCC}  # Huffman tables, reserved, arithmetic coding: among the SOF numbers
-_QUALITY = 80
+QUALITY = 80
+"""Of pictures that are shown to people, in [1, 100]."""
 
 
 def check_size(width: int, height: int) -> None:
@@ -68,7 +69,7 @@ def decode_jpeg(data: bytes) -> NDArray[np.uint8]:
     return np.asarray(image, dtype=np.uint8)
 
 
-def encode_jpeg(image: NDArray[np.uint8]) -> bytes:
-    """Return the picture (H, W, 3) RGB as JPEG."""
-    _, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+def encode_jpeg(image: NDArray[np.uint8], *, quality: int = QUALITY) -> bytes:
+    """Return the picture (H, W, 3) RGB as JPEG of a quality in [1, 100]."""
+    _, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
     return data.tobytes()

@@ -40,8 +40,11 @@ class LatestSlot:
         self._repeating = False
         self._rejected = 0
 
-    def put(self, image: NDArray[np.uint8], *, stamp_ns: int) -> None:
-        """Take a new picture (H, W, 3) RGB, captured at ``stamp_ns``; the camera is running."""
+    def put(self, image: NDArray[np.uint8], *, stamp_ns: int, jpeg: bytes | None = None) -> None:
+        """Take a new picture (H, W, 3) RGB, captured at ``stamp_ns``; the camera is running.
+
+        ``jpeg`` is what it was decoded from, if that was one.
+        """
         now_s = time.monotonic()
         content = zlib.crc32(image[::_CONTENT_STEP, ::_CONTENT_STEP].tobytes()) if self._watch_content else 0
         with self._new:
@@ -50,7 +53,7 @@ class LatestSlot:
             seq = self._frame.seq + 1 if self._frame is not None else 1
             if self._frame is None or content != self._content:
                 self._content, self._same_since_s = content, now_s
-            self._frame = Frame(image, stamp_ns, seq)
+            self._frame = Frame(image, stamp_ns, seq, jpeg)
             self._arrived_s = now_s
             self._arrivals_s.append(now_s)
             self._state, self._repeating = CameraState.RUNNING, False

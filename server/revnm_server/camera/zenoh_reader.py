@@ -85,4 +85,4 @@ class ZenohReader:
         image = decode_jpeg(message.data)
         self._last_stamp_ns = message.stamp_ns
         believable = now_ns - _OLDEST_NS <= message.stamp_ns <= now_ns + _FUTURE_NS
-        self._slot.put(image, stamp_ns=message.stamp_ns if believable else now_ns)
+        self._slot.put(image, stamp_ns=message.stamp_ns if believable else now_ns, jpeg=message.data)

@@ -12,7 +12,7 @@ import threading
 from pydantic import TypeAdapter, ValidationError
 
 from revnm_client.errors import LinkError
-from revnm_server.api_client import ask
+from revnm_server.api_client import NoServerError, ServerAddress, call
 from revnm_server.commands.setting_options import add_setting_options, settings_of
 from revnm_server.doctor import Finding, Verdict, examine
 from revnm_server.log_output import start_log
@@ -65,9 +65,10 @@ def _running_view(http: HttpSettings) -> ServerView | None:
     Raises:
         LinkError: Something answers that is no server of ours, or does not take the token.
     """
-    document = ask(http, "state")
     try:
-        return TypeAdapter(ServerView).validate_python(document) if document is not None else None
+        return TypeAdapter(ServerView).validate_python(call(ServerAddress.of(http), "GET", "state"))
+    except NoServerError:
+        return None
     except ValidationError as error:
         raise LinkError(f"what answers on port {http.port} is no server of this version") from error
 

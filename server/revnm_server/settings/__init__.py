@@ -10,6 +10,7 @@ from revnm_server.settings.http import HttpSettings, is_loopback
 from revnm_server.settings.loading import BadSettingsError, load_settings
 from revnm_server.settings.logs import LogSettings
 from revnm_server.settings.perception import PerceptionSettings
+from revnm_server.settings.recording import RecordingSettings
 from revnm_server.settings.root import Settings
 from revnm_server.settings.zenoh import ZenohSettings
 
@@ -20,6 +21,7 @@ __all__ = [
     "HttpSettings",
     "LogSettings",
     "PerceptionSettings",
+    "RecordingSettings",
     "Settings",
     "ZenohSettings",
     "is_loopback",

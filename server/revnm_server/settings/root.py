@@ -14,6 +14,7 @@ from revnm_server.settings.depth import DepthSettings
 from revnm_server.settings.http import HttpSettings
 from revnm_server.settings.logs import LogSettings
 from revnm_server.settings.perception import PerceptionSettings
+from revnm_server.settings.recording import RecordingSettings
 from revnm_server.settings.section import reraised
 from revnm_server.settings.zenoh import ZenohSettings
 
@@ -36,6 +37,7 @@ class Settings(BaseSettings):
     perception: PerceptionSettings = PerceptionSettings()
     depth: DepthSettings = DepthSettings()
     log: LogSettings = LogSettings()
+    recording: RecordingSettings = RecordingSettings()
     robots: dict[str, Annotated[int, pydantic.Field(ge=0, lt=_TAGS_OF_36H11)]] = {"rover": 0}
     state_file: Path | None = None
 
