@@ -71,6 +71,10 @@ class PyavReader:
         """Return the camera's health now."""
         return self._slot.status()
 
+    def note_motion(self, robot: str | None) -> None:
+        """Note which robot drives in the picture; None where none does."""
+        self._slot.note_motion(robot)
+
     def close(self) -> None:
         """Stop reading; a thread that waits for a dead camera is left to its time-out."""
         self._closing.set()
