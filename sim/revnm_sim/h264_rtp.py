@@ -20,6 +20,12 @@ _FU_A = 28
 Picture = NDArray[np.uint8]
 
 
+def size_px(picture: Picture) -> tuple[int, int]:
+    """Return width and height of a picture, (H, W, 3) RGB or (H·3/2, W) YUV 4:2:0 planar."""
+    height, width = picture.shape[:2]
+    return width, height if picture.ndim == 3 else height * 2 // 3
+
+
 class H264Encoder:
     """Encodes one viewer's pictures, without delay; the first is a key frame, and one a second after it.
 
@@ -42,8 +48,11 @@ class H264Encoder:
         self._count = 0
 
     def encode(self, picture: Picture) -> list[bytes]:
-        """Return the NAL units of a picture (H, W, 3) RGB."""
-        frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format="yuv420p")
+        """Return the NAL units of a picture, (H, W, 3) RGB or (H·3/2, W) YUV 4:2:0 planar."""
+        if picture.ndim == 3:
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format="yuv420p")
+        else:
+            frame = av.VideoFrame.from_ndarray(picture, format="yuv420p")
         frame.pts = self._count
         self._count += 1
         return [unit for packet in self._encoder.encode(frame) for unit in _units(bytes(packet))]

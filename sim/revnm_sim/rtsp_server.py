@@ -19,7 +19,7 @@ from io import BufferedIOBase
 from typing import Self
 
 from revnm_client.errors import ConfigError
-from revnm_sim.h264_rtp import CLOCK_HZ, PAYLOAD_TYPE, H264Encoder, Picture, RtpStream
+from revnm_sim.h264_rtp import CLOCK_HZ, PAYLOAD_TYPE, H264Encoder, Picture, RtpStream, size_px
 
 _METHODS = "OPTIONS, DESCRIBE, SETUP, PLAY, GET_PARAMETER, TEARDOWN"
 _LONGEST_LINE = 4096
@@ -76,7 +76,11 @@ class RtspServer:
         return f"rtsp://{user}{f'[{host}]' if ':' in host else host}:{port}/stream"
 
     def show(self, picture: Picture) -> None:
-        """Send a picture (H, W, 3) RGB, taken now, to whoever watches; it must not be changed afterwards."""
+        """Send a picture, taken now, to whoever watches.
+
+        Args:
+            picture: (H, W, 3) RGB or (H·3/2, W) YUV 4:2:0 planar, sides even; it must not be changed afterwards.
+        """
         with self._changed:
             self._picture = picture, time.monotonic_ns()
             self._changed.notify_all()
@@ -164,14 +168,13 @@ class RtspServer:
 
     def _stream(self, connection: socket.socket, sending: threading.Lock) -> None:
         """Send pictures to one viewer until it is gone."""
-        encoder, stream, size_px, shown_ns = None, RtpStream(), (0, 0), -1
+        encoder, stream, size, shown_ns = None, RtpStream(), (0, 0), -1
         with contextlib.suppress(OSError):
             while (shown := self._wait_newer(connection, shown_ns)) is not None:
                 picture, shown_ns = shown
-                height, width = picture.shape[:2]
-                if encoder is None or size_px != (width, height):
-                    size_px = (width, height)
-                    encoder = H264Encoder(size_px, fps=self._fps)
+                if encoder is None or size != size_px(picture):
+                    size = size_px(picture)
+                    encoder = H264Encoder(size, fps=self._fps)
                 packets = stream.packets(encoder.encode(picture), taken_ns=shown_ns)
                 with sending:
                     connection.sendall(packets)
@@ -217,7 +220,7 @@ def filming(server: RtspServer, picture: Callable[[int], Picture], *, fps: float
 
     Args:
         server: Who serves them.
-        picture: Gives the (H, W, 3) RGB picture of a number.
+        picture: Gives the picture of a number, as :meth:`RtspServer.show` takes it.
         fps: Pictures a second; fewer where they take longer to make.
     """
     stop = threading.Event()
