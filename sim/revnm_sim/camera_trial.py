@@ -105,7 +105,7 @@ def time_fault(server: RtspServer, camera: CameraSource, breakage: Breakage, *, 
         server: The camera.
         camera: Its reader, running.
         breakage: What breaks it.
-        hold_s: For how long.
+        hold_s: For how long; 0 where the breakage is over at once.
 
     Raises:
         TrialError: The reader did not notice, or did not recover.
@@ -116,8 +116,10 @@ def time_fault(server: RtspServer, camera: CameraSource, breakage: Breakage, *, 
     state = camera.status().state.value
     threading.Event().wait(hold_s - (time.monotonic() - began_s))
     reason = camera.status().reason or ""
+    ended_s = time.monotonic() if hold_s > 0.0 else began_s
     server.set_fault(Fault.NONE)
-    return FaultTiming(state, state_after_s, reason, wait_until(lambda: _runs(camera), what="recovery"))
+    wait_until(lambda: _runs(camera), what="recovery")
+    return FaultTiming(state, state_after_s, reason, time.monotonic() - ended_s)
 
 
 def time_4k(scene: Scene, camera: CameraSource, *, hold_s: float) -> FaultTiming:

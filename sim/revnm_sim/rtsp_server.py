@@ -75,14 +75,15 @@ class RtspServer:
         host, port = self._address
         return f"rtsp://{user}{f'[{host}]' if ':' in host else host}:{port}/stream"
 
-    def show(self, picture: Picture) -> None:
-        """Send a picture, taken now, to whoever watches.
+    def show(self, picture: Picture, *, taken_ns: int | None = None) -> None:
+        """Send a picture to whoever watches.
 
         Args:
             picture: (H, W, 3) RGB or (H·3/2, W) YUV 4:2:0 planar, sides even; it must not be changed afterwards.
+            taken_ns: When it was taken, monotonic clock, later than the one before; None is now.
         """
         with self._changed:
-            self._picture = picture, time.monotonic_ns()
+            self._picture = picture, time.monotonic_ns() if taken_ns is None else taken_ns
             self._changed.notify_all()
 
     def set_fault(self, fault: Fault) -> None:

@@ -55,13 +55,22 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[tuple[str, ...], int]]:
         text = path.read_text()
         content = yaml.safe_load(text)
         root = yaml.compose(text, Loader=yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except yaml.YAMLError as error:
+        raise FileError(f"settings {path}{_place(error)}: it is no YAML; expected names and values") from None
+    except (OSError, UnicodeDecodeError) as error:
         raise FileError(f"settings {path}: {error}") from error
     if content is None:
         return {}, {}
     if not isinstance(content, dict) or not all(isinstance(key, str) for key in content):
         raise FileError(f"settings {path}: expected a mapping of names to values")
     return content, dict(_lines(root, ()))
+
+
+def _place(error: yaml.YAMLError) -> str:
+    """Return the line where reading ended; the error's own text shows it, with what secrets stand there."""
+    mark = error.problem_mark if isinstance(error, yaml.MarkedYAMLError) else None
+    what = f" ({error.problem})" if isinstance(error, yaml.MarkedYAMLError) and error.problem else ""
+    return f":{mark.line + 1}{what}" if mark is not None else what
 
 
 def _lines(node: yaml.Node | None, path: tuple[str, ...]) -> list[tuple[tuple[str, ...], int]]:
