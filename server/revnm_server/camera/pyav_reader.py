@@ -16,6 +16,7 @@ import numpy as np
 from av.container import InputContainer
 from av.video.stream import VideoStream
 
+from revnm_server.camera.backoff import Backoff
 from revnm_server.camera.jpeg import check_size
 from revnm_server.camera.lag import StreamLag
 from revnm_server.camera.slot import LatestSlot
@@ -27,9 +28,6 @@ from revnm_server.frame import Frame
 logger = logging.getLogger(__name__)
 
 _TIMEOUT_S = 2.0
-_RETRY_FIRST_S = 0.5
-_RETRY_LONGEST_S = 1.5  # with the time-out and the handshake: back within 5 s of the camera
-_RETRY_LOGIN_S = 30.0  # cameras lock out who tries a wrong password often
 _JOIN_S = 1.0
 _LATEST_S = 0.5
 _UNREADABLE_S = 1.5
@@ -50,7 +48,7 @@ class PyavReader:
         self._source = source
         self._timeout_s = timeout_s
         self._slot = LatestSlot(watch_content=not isinstance(source, FileCamera))
-        self._jitter = np.random.default_rng()
+        self._backoff = Backoff(np.random.default_rng())
         self._told: str | None = None
         self._heard_s = 0.0
         self._closing = threading.Event()
@@ -80,7 +78,6 @@ class PyavReader:
         self._thread.join(_JOIN_S)
 
     def _run(self) -> None:
-        delay_s = _RETRY_FIRST_S
         while not self._closing.is_set():
             before = self._slot.latest()
             error = self._attempt()
@@ -91,10 +88,8 @@ class PyavReader:
                 self._slot.set_state(CameraState.ENDED, "the file is over")
                 return
             self._tell(explain(error, self._source) if error is not None else "the camera closed the stream")
-            delay_s = _RETRY_FIRST_S if came else min(2.0 * delay_s, _RETRY_LONGEST_S)
-            if isinstance(error, av.error.HTTPUnauthorizedError):
-                delay_s = _RETRY_LOGIN_S
-            self._closing.wait(delay_s * self._jitter.uniform(0.5, 1.0))
+            refused = isinstance(error, av.error.HTTPUnauthorizedError | av.error.HTTPForbiddenError)
+            self._closing.wait(self._backoff.pause_s(worked=came, refused=refused))
 
     def _tell(self, reason: str) -> None:
         """Show why there are no pictures; log it where it was not the reason before."""
