@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from typing import cast
 
 import av
 import numpy as np
@@ -21,7 +22,7 @@ from revnm_server.camera.jpeg import check_size
 from revnm_server.camera.lag import StreamLag
 from revnm_server.camera.slot import LatestSlot
 from revnm_server.camera.source import CameraState, CameraStatus
-from revnm_server.camera.stream import StreamError, StreamSource, explain, open_stream, video_stream
+from revnm_server.camera.stream import StreamError, StreamSource, explain, open_stream, unreadable, video_stream
 from revnm_server.camera.url import DeviceCamera, FileCamera, NetworkCamera
 from revnm_server.frame import Frame
 
@@ -128,6 +129,8 @@ class PyavReader:
                 return
             if self._is_silent():
                 raise self._silence()
+            if isinstance(self._source, DeviceCamera):
+                packet = _detached(packet)
             # What was held back until the next picture began to arrive did so itself when the one before was given.
             pictures.take(packet, taken_ns=began_ns if held_back else now_ns)
             self._heard_s, began_ns = time.monotonic(), now_ns
@@ -147,7 +150,7 @@ class _Pictures:
         self._pace_s: float | None = None
         self._lag = StreamLag()
         self._newest_pts = -1
-        self._trouble = "no picture can be decoded from it: is it of the codec that the camera says?"
+        self._trouble = unreadable(source)
         self._good_s = time.monotonic()
 
     def take(self, packet: av.Packet[VideoStream], *, taken_ns: int) -> None:
@@ -201,6 +204,13 @@ class _Pictures:
         if self._pace_s is None:
             self._pace_s = now_s - media_s
         self._closing.wait(max(0.0, media_s + self._pace_s - now_s))
+
+
+def _detached(packet: av.Packet[VideoStream]) -> av.Packet[VideoStream]:
+    """Return a copy that owns its data; measured: FFmpeg crashes where one of the driver's outlives its device."""
+    copy = cast("av.Packet[VideoStream]", av.Packet(bytes(packet)))
+    copy.stream, copy.pts, copy.dts, copy.time_base = packet.stream, packet.pts, packet.dts, packet.time_base
+    return copy
 
 
 def _shown(source: StreamSource) -> str:

@@ -20,12 +20,11 @@ from revnm_server.camera.url import DeviceCamera, FileCamera, NetworkCamera
 StreamSource = NetworkCamera | DeviceCamera | FileCamera
 
 _HANDSHAKE_S = 3.0
+_NO_PROBING = {"analyzeduration": "0", "probesize": "32", "fpsprobesize": "0"}
 _NETWORK_OPTIONS = {
+    **_NO_PROBING,
     "rtsp_transport": "tcp",
     "allowed_media_types": "video",
-    "analyzeduration": "0",
-    "probesize": "32",
-    "fpsprobesize": "0",
     "protocol_whitelist": "rtsp,rtp,tcp,udp,tls,crypto",
 }
 _FILE_OPTIONS = {"protocol_whitelist": "file"}
@@ -92,6 +91,13 @@ def explain(error: Exception, source: StreamSource) -> str:
     return error.strerror
 
 
+def unreadable(source: StreamSource) -> str:
+    """Return what to tell where data comes and nothing can be decoded from it."""
+    if isinstance(source, DeviceCamera):
+        return f"{source.path}: what it gives is no picture with {_asked(source)}; {_list(source)}"
+    return "no picture can be decoded from it: is it of the codec that the camera says?"
+
+
 def _open_network(source: NetworkCamera, timeout_s: float) -> InputContainer:
     began_s, limit_s = time.monotonic(), max(_HANDSHAKE_S, timeout_s)
     options = _NETWORK_OPTIONS | {"timeout": str(round(timeout_s * 1e6))}
@@ -105,7 +111,7 @@ def _open_network(source: NetworkCamera, timeout_s: float) -> InputContainer:
 
 def _open_device(source: DeviceCamera) -> InputContainer:
     """Open a camera of Video4Linux; what it cannot give it replaces silently, so that is checked."""
-    options = {}
+    options = dict(_NO_PROBING)
     if source.size_px is not None:
         options["video_size"] = f"{source.size_px[0]}x{source.size_px[1]}"
     if source.fps is not None:
@@ -114,7 +120,7 @@ def _open_device(source: DeviceCamera) -> InputContainer:
         options["input_format"] = source.format
     try:
         container = av.open(str(source.path), format="video4linux2", options=options)
-    except OSError as error:
+    except av.FFmpegError as error:
         if error.errno != errno.EINVAL:
             raise
         raise StreamError(f"{source.path}: it refuses {_asked(source)}; {_list(source)}") from None
