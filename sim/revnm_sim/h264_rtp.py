@@ -43,7 +43,7 @@ class H264Encoder:
         encoder.time_base = 1 / encoder.framerate
         encoder.thread_count = 1
         parameters = f"repeat-headers=1:keyint={max(1, round(fps))}:annexb=1"
-        encoder.options = {"preset": "ultrafast", "tune": "zerolatency", "crf": "18", "x264-params": parameters}
+        encoder.options = {"preset": "ultrafast", "tune": "zerolatency", "qp": "20", "x264-params": parameters}
         self._encoder = encoder
         self._count = 0
 

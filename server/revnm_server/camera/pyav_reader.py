@@ -18,11 +18,10 @@ from av.container import InputContainer
 from av.video.stream import VideoStream
 
 from revnm_server.camera.backoff import Backoff
-from revnm_server.camera.jpeg import check_size
-from revnm_server.camera.lag import StreamLag
+from revnm_server.camera.pictures import Pictures
 from revnm_server.camera.slot import LatestSlot
 from revnm_server.camera.source import CameraState, CameraStatus
-from revnm_server.camera.stream import StreamError, StreamSource, explain, open_stream, unreadable, video_stream
+from revnm_server.camera.stream import StreamError, StreamSource, explain, open_stream, video_stream
 from revnm_server.camera.url import DeviceCamera, FileCamera, NetworkCamera
 from revnm_server.frame import Frame
 
@@ -30,9 +29,6 @@ logger = logging.getLogger(__name__)
 
 _TIMEOUT_S = 2.0
 _JOIN_S = 1.0
-_LATEST_S = 0.5
-_UNREADABLE_S = 1.5
-_HOPELESS_S = 5.0  # key frames may be seconds apart, and nothing can be decoded before the first
 _HELD_BACK = ("h264", "hevc")
 
 
@@ -120,7 +116,7 @@ class PyavReader:
 
     def _read(self, container: InputContainer) -> None:
         stream = video_stream(container)
-        pictures = _Pictures(self._slot, self._source, self._closing)
+        pictures = Pictures(self._slot, self._source, self._closing)
         held_back = isinstance(self._source, NetworkCamera) and stream.codec_context.name in _HELD_BACK
         began_ns = time.time_ns()
         for packet in container.demux(stream):
@@ -137,73 +133,6 @@ class PyavReader:
             if pictures.running and self._told is not None:
                 logger.info("camera %s: pictures come again", self.redacted_url)
                 self._told = None
-
-
-class _Pictures:
-    """Decodes one connection's packets into the slot; judges whether that leads anywhere."""
-
-    def __init__(self, slot: LatestSlot, source: StreamSource, closing: threading.Event) -> None:
-        self.running = False
-        self._slot, self._closing = slot, closing
-        self._paced = isinstance(source, FileCamera) and source.realtime
-        self._live = not isinstance(source, FileCamera)
-        self._pace_s: float | None = None
-        self._lag = StreamLag()
-        self._newest_pts = -1
-        self._trouble = unreadable(source)
-        self._good_s = time.monotonic()
-
-    def take(self, packet: av.Packet[VideoStream], *, taken_ns: int) -> None:
-        """Decode a packet whose picture was taken then.
-
-        Raises:
-            StreamError: For seconds nothing has come of what comes.
-        """
-        try:
-            frames = packet.decode()
-        except av.FFmpegError:  # lost packets, or pictures before the first key frame
-            frames = []
-        for frame in frames:
-            if self._is_new(frame):
-                self._put(frame, taken_ns)
-        bad_s = time.monotonic() - self._good_s
-        if self._live and bad_s > _UNREADABLE_S:
-            self.running = False
-            self._slot.set_state(CameraState.STALE, self._trouble)
-        if self._live and bad_s > _HOPELESS_S:
-            raise StreamError(self._trouble)
-
-    def _is_new(self, frame: av.VideoFrame) -> bool:
-        if frame.pts is not None and frame.pts <= self._newest_pts:
-            self._slot.note_repeated()
-            self._trouble = "the time stamps of the stream stand still"
-            return False
-        self._newest_pts = frame.pts if frame.pts is not None else -1
-        if frame.time is None or not self._live:
-            return True
-        late_s = self._lag.note(frame.time, time.monotonic())
-        if late_s > _LATEST_S:
-            self._trouble = (
-                f"its pictures are {late_s:.0f} s old when they are decoded: network or computer is too slow for "
-                "them; choose a smaller stream of the camera"
-            )
-        return late_s <= _LATEST_S
-
-    def _put(self, frame: av.VideoFrame, taken_ns: int) -> None:
-        if self._paced and frame.time is not None:
-            self._wait_until(frame.time)
-            taken_ns = time.time_ns()
-        check_size(frame.width, frame.height)
-        image = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
-        self._slot.put(image, stamp_ns=taken_ns)
-        self.running, self._good_s = True, time.monotonic()
-
-    def _wait_until(self, media_s: float) -> None:
-        """Wait until a moment of the recording is due."""
-        now_s = time.monotonic()
-        if self._pace_s is None:
-            self._pace_s = now_s - media_s
-        self._closing.wait(max(0.0, media_s + self._pace_s - now_s))
 
 
 def _detached(packet: av.Packet[VideoStream]) -> av.Packet[VideoStream]:
