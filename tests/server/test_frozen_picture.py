@@ -11,7 +11,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from revnm_client.link import open_client, open_router
-from revnm_server.camera.content import FIRST_HOLD_S, FROZEN_AFTER_S, ContentWatch
+from revnm_server.camera.content import FIRST_HOLD_S, FROZEN_AFTER_S, ContentWatch, digest
 from revnm_server.camera.pyav_reader import PyavReader
 from revnm_server.camera.url import NetworkCamera, parse_camera_url
 from revnm_server.mission import Mission
@@ -40,11 +40,19 @@ class Clock:
         for _ in range(round(duration_s / STEP_S)):
             self.now_s += STEP_S
             self.watch.note_motion("rover" if moves else None, self.now_s)
-            self.watch.see(picture(round(self.now_s / STEP_S) % 250 if changes else 7), self.now_s)
+            self.watch.see(round(self.now_s / STEP_S) if changes else 7, self.now_s)
 
     @property
     def frozen(self) -> bool:
         return self.watch.frozen(self.now_s) is not None
+
+
+def test_a_small_change_anywhere_is_a_change() -> None:
+    still = np.full((1080, 1920, 3), 90, np.uint8)
+    for row, column in ((0, 0), (537, 900), (1062, 1910)):
+        changed = still.copy()
+        changed[row : row + 10, column : column + 10] += 1  # far smaller than a tag that can be read
+        assert digest(changed) != digest(still) == digest(still.copy())
 
 
 def test_a_still_scene_stops_nobody() -> None:

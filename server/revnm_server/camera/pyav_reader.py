@@ -102,8 +102,8 @@ class PyavReader:
             with open_stream(self._source, timeout_s=self._timeout_s) as container:
                 self._heard_s = time.monotonic()
                 self._read(container)
-        except av.FFmpegError as error:  # an answer that does not come is called invalid data, too
-            return self._silence() if self._is_silent() else error
+        except (av.error.ExitError, av.error.TimeoutError, av.error.InvalidDataError, av.error.OSError) as error:
+            return self._silence() if self._is_silent() else error  # FFmpeg calls an answer that never came invalid
         except Exception as error:  # whatever FFmpeg makes of a hostile stream: shown in the status
             return error
         return None

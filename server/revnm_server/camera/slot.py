@@ -9,7 +9,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from revnm_server.camera.content import ContentWatch
+from revnm_server.camera.content import ContentWatch, digest
 from revnm_server.camera.source import CameraState, CameraStatus
 from revnm_server.frame import Frame
 
@@ -39,12 +39,13 @@ class LatestSlot:
     def put(self, image: NDArray[np.uint8], *, stamp_ns: int) -> None:
         """Take a new picture (H, W, 3) RGB, captured at ``stamp_ns``; the camera is running."""
         now_s = time.monotonic()
+        content = digest(image) if self._content is not None else 0
         with self._new:
             if self._state is CameraState.ENDED:
                 return
             seq = self._frame.seq + 1 if self._frame is not None else 1
             if self._content is not None:
-                self._content.see(image, now_s)
+                self._content.see(content, now_s)
             self._frame = Frame(image, stamp_ns, seq)
             self._arrived_s = now_s
             self._arrivals_s.append(now_s)
