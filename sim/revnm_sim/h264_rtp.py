@@ -48,11 +48,11 @@ class H264Encoder:
         self._count = 0
 
     def encode(self, picture: Picture) -> list[bytes]:
-        """Return the NAL units of a picture, (H, W, 3) RGB or (H·3/2, W) YUV 4:2:0 planar."""
+        """Return the NAL units of a picture, (H, W, 3) RGB or (H·3/2, W) YUV 4:2:0 planar, contiguous."""
         if picture.ndim == 3:
             frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format="yuv420p")
         else:
-            frame = av.VideoFrame.from_ndarray(picture, format="yuv420p")
+            frame = av.VideoFrame.from_numpy_buffer(picture, "yuv420p")  # without a copy: 20 ms at 4K
         frame.pts = self._count
         self._count += 1
         return [unit for packet in self._encoder.encode(frame) for unit in _units(bytes(packet))]
