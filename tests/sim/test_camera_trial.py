@@ -30,7 +30,7 @@ def test_faults_and_ages_are_timed() -> None:
     with watched(scene, fps=10) as (server, camera):
         frozen = time_fault(server, camera, BREAKAGES["frozen"], hold_s=0.1)
         assert frozen.state == "stale"
-        assert 1.0 < frozen.state_after_s < 5.0
+        assert 0.5 < frozen.state_after_s < 5.0  # a second after the last picture, which came before
         assert "no new picture" in frozen.reason
         dropped = time_fault(server, camera, BREAKAGES["dropped"], hold_s=0.0)
         assert dropped.state == "reconnecting"
