@@ -199,17 +199,19 @@ def test_lag_is_what_a_picture_is_later_than_the_others() -> None:
 def test_pictures_that_piled_up_are_not_shown() -> None:
     """A camera whose pictures take ever longer to come, as where the computer decodes slower than they are sent."""
     began_ns = time.monotonic_ns()
-    with RtspServer() as server:
-        counter = iter(range(1_000_000))
+    counter = iter(range(1_000_000))
+    with RtspServer(fps=50) as server:  # a key frame every 50 pictures
 
-        def show() -> None:
-            late_ns = (time.monotonic_ns() - began_ns) // 2
+        def show(*, slow: bool) -> None:
+            late_ns = (time.monotonic_ns() - began_ns) // 2 if slow else 0
             server.show(shaded(next(counter)), taken_ns=time.monotonic_ns() - late_ns)
 
         with reading(server.url) as camera:
-            eventually(lambda: show() or camera.status().state is CameraState.RUNNING)
-            eventually(lambda: show() or "old when they are decoded" in str(camera.status().reason))
+            eventually(lambda: show(slow=True) or camera.status().state is CameraState.RUNNING)
+            eventually(lambda: show(slow=True) or "old when they are decoded" in str(camera.status().reason))
             assert camera.status().state is CameraState.STALE
+            eventually(lambda: show(slow=False) or camera.status().state is CameraState.RUNNING)
+            eventually(lambda: show(slow=False) or (camera.status().fps or 0.0) > 10.0)  # more than its key frames
 
 
 def test_no_password_gets_out(

@@ -40,6 +40,7 @@ class Pictures:
         self._live = not isinstance(source, FileCamera)
         self._pace_s: float | None = None
         self._lag = StreamLag()
+        self._late = False
         self._newest_pts = -1
         self._trouble = unreadable(source)
         self._good_s = time.monotonic()
@@ -54,9 +55,12 @@ class Pictures:
             frames = packet.decode()
         except av.FFmpegError:  # lost packets, or pictures before the first key frame
             frames = []
+        was_late = self._late
         for frame in frames:
             if self._is_new(frame):
                 self._put(frame, taken_ns)
+        if self._late != was_late:  # pictures between key frames are passed over undecoded until it has caught up
+            packet.stream.codec_context.skip_frame = "NONKEY" if self._late else "DEFAULT"
         bad_s = time.monotonic() - self._good_s
         if self._live and bad_s > _UNREADABLE_S:
             self.running = False
@@ -73,12 +77,13 @@ class Pictures:
         if frame.time is None or not self._live:
             return True
         late_s = self._lag.note(frame.time, time.monotonic())
-        if late_s > _LATEST_S:
+        self._late = late_s > _LATEST_S
+        if self._late:
             self._trouble = (
                 f"its pictures are {late_s:.0f} s old when they are decoded: network or computer is too slow for "
                 "them; choose a smaller stream of the camera"
             )
-        return late_s <= _LATEST_S
+        return not self._late
 
     def _put(self, frame: av.VideoFrame, taken_ns: int) -> None:
         if self._paced and frame.time is not None:
