@@ -22,6 +22,9 @@ from revnm_client.messages import Plan
 
 logger = logging.getLogger(__name__)
 
+_NEWS_S = 1.0  # a robot says how it is twice a second
+_SLOW_MPS, _SLOW_RADPS = 0.05, 0.1
+
 
 class RobotLink:
     """Talks with one robot; hears it only when :meth:`listen` is called, by one thread.
@@ -54,6 +57,16 @@ class RobotLink:
     def state_age_s(self) -> float | None:
         """Time since the robot was heard; None before that."""
         return time.monotonic() - self._heard_s if self.state is not None else None
+
+    @property
+    def drives(self) -> bool:
+        """Whether the robot says that it drives, faster than at a crawl where it says how fast."""
+        if self.state is None or self.state["moving"] is not True or (self.state_age_s or 0.0) > _NEWS_S:
+            return False
+        speeds = self.state.get("v_mps"), self.state.get("w_radps")
+        pairs = zip(speeds, (_SLOW_MPS, _SLOW_RADPS), strict=True)
+        told = [(speed, slow) for speed, slow in pairs if isinstance(speed, int | float)]
+        return not told or any(abs(speed) >= slow for speed, slow in told)
 
     @property
     def rejected(self) -> dict[str, int]:

@@ -31,6 +31,7 @@ logger = logging.getLogger(__name__)
 
 MAX_PLAN_AGE_NS = 1_000_000_000
 _WAIT_S = 0.1
+_SEEN_LATELY_S = 1.0
 
 
 class TickSource(Protocol):
@@ -86,6 +87,7 @@ class NavigationService:
             notes=notes,
             recording=recorder.view if recorder is not None else None,
         )
+        self._seen_s: dict[str, float] = {}
         self._publishing = threading.Lock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="tick", daemon=True)
@@ -176,6 +178,13 @@ class NavigationService:
             self.mission.catch_up(robot, int(link.state["epoch"] or 0))
             if self.mission.of(robot).stopped and link.state["stopped"] is False:
                 self.mission.repeat_order(robot)
+        self.camera.note_motion(self._driving_in_view())
+
+    def _driving_in_view(self) -> str | None:
+        """Return a robot that the camera saw lately and that says it drives."""
+        lately_s = time.monotonic() - _SEEN_LATELY_S
+        drivers = (robot for robot, seen_s in self._seen_s.items() if seen_s >= lately_s and self._links[robot].drives)
+        return next(drivers, None)
 
     def _tick(self, frame: Frame) -> None:
         if self.camera.status().state is not CameraState.RUNNING:
@@ -185,6 +194,7 @@ class NavigationService:
         now_seen = {s.robot: s for s in result.sightings if s.robot in self._links}
         for robot, sighting in now_seen.items():
             if sighting.stamp_ns == frame.stamp_ns:
+                self._seen_s[robot] = time.monotonic()
                 u, v = (float(x) for x in sighting.pixel)
                 self.mission.note_position(robot, (u, v), size_px=frame.size_px)
         routes = result.site.routes if result.site is not None else {}

@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import ExitStack
 
 from revnm_client.errors import LinkError, RevnmError
 
@@ -70,6 +71,12 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
         viewers_command.add_arguments(viewers)
         viewers.set_defaults(run=viewers_command.run)
+    camera = commands.add_parser("camera", help="measure how the server's camera reader bears faults")
+    if words[:1] == ["camera"]:
+        from revnm_sim import camera_command
+
+        camera_command.add_arguments(camera)
+        camera.set_defaults(run=camera_command.run)
     return parser
 
 
@@ -84,6 +91,9 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
         help=f"where the server is, tcp/HOST:PORT; may be repeated (default: {_DEFAULT_ENDPOINT})",
     )
     parser.add_argument("--fps", type=_rate, default=5.0, help="pictures per second (default: 5)")
+    parser.add_argument(
+        "--rtsp", type=_address, metavar="HOST:PORT", help="also be an IP camera there, rtsp://HOST:PORT/stream"
+    )
     parser.set_defaults(run=_run)
 
 
@@ -103,18 +113,21 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     from revnm_client.link import open_client
     from revnm_sim.live import LiveSettings, LiveSimulator
+    from revnm_sim.rtsp_server import RtspServer
     from revnm_sim.scenario import demo_scenario
     from revnm_sim.simulation import Simulation
 
     settings = LiveSettings(arguments.robot, arguments.camera, arguments.fps)
     stop = _stop_on_signals()
     try:
-        with (
-            open_client(arguments.connect or [_DEFAULT_ENDPOINT], stop=stop) as session,
-            Simulation(demo_scenario(arguments.seed), arguments.seed) as simulation,
-            LiveSimulator(simulation, session, settings) as simulator,
-        ):
-            simulator.run(stop)
+        with ExitStack() as stack:
+            server = None
+            if arguments.rtsp is not None:
+                server = stack.enter_context(RtspServer(address=arguments.rtsp, fps=settings.fps))
+            session = stack.enter_context(open_client(arguments.connect or [_DEFAULT_ENDPOINT], stop=stop))
+            simulation = stack.enter_context(Simulation(demo_scenario(arguments.seed), arguments.seed))
+            show = server.show if server is not None else None
+            stack.enter_context(LiveSimulator(simulation, session, settings, show=show)).run(stop)
     except LinkError:
         if not stop.is_set():
             raise
@@ -140,6 +153,13 @@ def _seed(text: str) -> int:
     if value < 0:
         raise argparse.ArgumentTypeError(f"{value}: expected 0 or more")
     return value
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
+        raise argparse.ArgumentTypeError(f"{text}: expected HOST:PORT, such as 127.0.0.1:8554")
+    return host.strip("[]"), int(port)
 
 
 def _rate(text: str) -> float:

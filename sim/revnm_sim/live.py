@@ -11,7 +11,9 @@ from types import TracebackType
 from typing import Self
 
 import cv2
+import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
 from revnm_client import cdr, keys
 from revnm_client.link import Inbox, LatestSubscriber, control_publisher, image_publisher
@@ -47,8 +49,23 @@ class LiveSimulator:
     behind by at most ``MAX_LAG_NS`` and then skips time rather than hurrying after it.
     """
 
-    def __init__(self, simulation: Simulation, session: zenoh.Session, settings: LiveSettings) -> None:
-        self._simulation = simulation
+    def __init__(
+        self,
+        simulation: Simulation,
+        session: zenoh.Session,
+        settings: LiveSettings,
+        *,
+        show: Callable[[NDArray[np.uint8]], None] | None = None,
+    ) -> None:
+        """Begin to listen; time starts to run now.
+
+        Args:
+            simulation: What to run.
+            session: Where to publish.
+            settings: Names and rates.
+            show: Also gets each picture, (H, W, 3) RGB; must return soon.
+        """
+        self._simulation, self._show = simulation, show
         # Render the still background and compile the ray caster before time starts to run.
         simulation.picture()
         simulation.scan()
@@ -119,8 +136,11 @@ class LiveSimulator:
 
     def _publish_picture(self) -> None:
         stamp_ns = self._stamp_ns()
-        picture = cv2.cvtColor(self._simulation.picture(), cv2.COLOR_RGB2BGR)
-        _, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        picture = self._simulation.picture()
+        if self._show is not None:
+            self._show(picture)
+        bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+        _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         self._image.put(cdr.encode_image(CompressedImage(stamp_ns, "jpeg", jpeg.tobytes())))
 
     def _publish_truth(self) -> None:

@@ -22,9 +22,11 @@ from revnm_server.camera import CameraState, open_camera
 from revnm_server.camera.jpeg import decode_jpeg, encode_jpeg, jpeg_size
 from revnm_server.camera.pyav_reader import PyavReader
 from revnm_server.camera.url import FileCamera, NetworkCamera, parse_camera_url, redact
+from revnm_sim.rtsp_server import Fault, RtspServer, filming
 
-from .rtsp_server import RtspServer
 from .waiting import eventually
+
+LOGIN = ("viewer", "s3cret")
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +149,7 @@ def test_a_file_without_pictures_says_so(tmp_path: Path, session: zenoh.Session)
 
 
 def test_rtsp_runs_freezes_and_comes_back() -> None:
-    with RtspServer(counting_picture) as server:
+    with RtspServer(login=LOGIN) as server, filming(server, counting_picture, fps=15):
         source = parse_camera_url(server.url)
         assert isinstance(source, NetworkCamera)
         camera = PyavReader(source, timeout_s=2.0)  # well over the second after which the picture is stale
@@ -157,14 +159,14 @@ def test_rtsp_runs_freezes_and_comes_back() -> None:
             assert eventually(lambda: camera.status().fps) > 5
             assert "s3cret" not in camera.redacted_url
 
-            server.freeze()
+            server.set_fault(Fault.FROZEN)
             eventually(lambda: camera.status().state is CameraState.STALE, within_s=3.0)
             assert camera.status().reason.startswith("no new picture for")  # type: ignore[union-attr]
             eventually(lambda: camera.status().state is CameraState.RECONNECTING, within_s=8.0)
             assert camera.status().reason == "nothing came for 2.0 s"
             assert "s3cret" not in str(camera.status())
 
-            server.thaw()
+            server.set_fault(Fault.NONE)
             eventually(lambda: camera.status().state is CameraState.RUNNING, within_s=10.0)
             assert server.connected >= 2
         finally:
@@ -173,7 +175,7 @@ def test_rtsp_runs_freezes_and_comes_back() -> None:
 
 
 def test_rtsp_reconnects_after_the_connection_broke() -> None:
-    with RtspServer(counting_picture) as server:
+    with RtspServer(login=LOGIN) as server, filming(server, counting_picture, fps=15):
         source = parse_camera_url(server.url)
         assert isinstance(source, NetworkCamera)
         camera = PyavReader(source)
@@ -188,7 +190,7 @@ def test_rtsp_reconnects_after_the_connection_broke() -> None:
 
 
 def test_an_unreachable_camera_is_tried_again_and_tells_no_password() -> None:
-    with RtspServer(counting_picture) as server:
+    with RtspServer(login=LOGIN) as server, filming(server, counting_picture, fps=15):
         url = server.url
     source = parse_camera_url(url)
     assert isinstance(source, NetworkCamera)
@@ -208,6 +210,7 @@ def jpeg_message(stamp_ns: int, image: NDArray[np.uint8] | None = None) -> bytes
 def test_zenoh_pictures_keep_their_stamp_where_it_is_believable(session: zenoh.Session) -> None:
     camera = open_camera("zenoh://hall", session)
     try:
+        jpeg_message(0)  # the first one takes its time: message types are read
         now_ns = time.time_ns()
         session.put(keys.image("hall"), jpeg_message(now_ns - 200_000_000))
         frame = eventually(lambda: camera.wait_newer(-1, timeout_s=0.1))

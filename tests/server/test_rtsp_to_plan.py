@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from revnm_client.link import open_client
 from revnm_server.app import running_server
 from revnm_server.settings import load_settings
+from revnm_sim.rtsp_server import Fault, RtspServer, filming
 
 from .free_port import free_port
-from .rtsp_server import RtspServer
 from .service_parts import RobotEnd
 from .tag_scene import draw_tag, picture_from_tag, project
 from .waiting import eventually
@@ -40,7 +40,7 @@ def test_a_click_becomes_plans(tiny_bundle: Path, tmp_path: Path) -> None:
         return np.roll(image, index % 2, axis=0)  # a camera that trembles by a pixel
 
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with RtspServer(picture) as stream:
+    with RtspServer(login=("viewer", "s3cret")) as stream, filming(stream, picture, fps=15):
         settings = load_settings(
             overrides={
                 "camera": {"url": stream.url},
@@ -81,7 +81,7 @@ def test_a_click_becomes_plans(tiny_bundle: Path, tmp_path: Path) -> None:
             assert set(state()["timings_ms"]) == {"depth", "tag", "exo2ego", "policy", "tick"}  # type: ignore[call-overload]
 
             eventually(lambda: robot.say() or http.get("/readyz").status_code == 200)
-            stream.freeze()
+            stream.set_fault(Fault.FROZEN)
             eventually(lambda: http.get("/readyz").status_code == 503, within_s=5.0)
             frozen = eventually(lambda: state()["robots"][0]["status"] == "waiting" and state())  # type: ignore[index]
             assert "camera" in frozen["robots"][0]["reason"]  # type: ignore[index]

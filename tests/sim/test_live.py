@@ -7,8 +7,10 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 import zenoh
+from numpy.typing import NDArray
 
 from revnm_client import cdr, keys
 from revnm_client.geometry import Pose2
@@ -38,6 +40,7 @@ class Bench:
     session: zenoh.Session
     simulator: LiveSimulator
     odometry: Inbox[Odometry]
+    shown: list[NDArray[np.uint8]]
 
     def wait(self, condition: Callable[[], bool], within_s: float) -> float:
         """Wait for a condition; return how long that took."""
@@ -82,17 +85,17 @@ def bench() -> Iterator[Bench]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    stop = threading.Event()
+    stop, shown = threading.Event(), []
     with (
         open_router([endpoint]) as router,
         open_client([endpoint]) as client,
         Simulation(SCENARIO, 1) as simulation,
         LatestSubscriber(router, keys.odom("rover")) as odometry,
-        LiveSimulator(simulation, client, LiveSettings("rover", "cam0", fps=10.0)) as simulator,
+        LiveSimulator(simulation, client, LiveSettings("rover", "cam0", fps=10.0), show=shown.append) as simulator,
     ):
         thread = threading.Thread(target=simulator.run, args=(stop,))
         thread.start()
-        yield Bench(router, simulator, Inbox(odometry, cdr.decode_odometry))
+        yield Bench(router, simulator, Inbox(odometry, cdr.decode_odometry), shown)
         stop.set()
         thread.join(timeout=5.0)
         assert not thread.is_alive()
@@ -114,6 +117,11 @@ def test_every_sensor_publishes_with_fresh_wall_clock_stamps(bench: Bench) -> No
         truth = decode_truth(texts[-1].payload.to_bytes())
         assert truth.contact is False
         assert truth.closest_m == pytest.approx(1.0)
+
+
+def test_whoever_else_films_gets_every_picture(bench: Bench) -> None:
+    bench.wait(lambda: len(bench.shown) >= 3, 5.0)
+    assert bench.shown[-1].shape == (240, 320, 3)
 
 
 def test_simulated_time_keeps_up_with_the_clock(bench: Bench) -> None:

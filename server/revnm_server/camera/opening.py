@@ -14,7 +14,8 @@ def open_camera(url: str, session: zenoh.Session) -> CameraSource:
     """Start to read the camera at ``url``; whether it answers is told by its status.
 
     Args:
-        url: ``rtsp://…``, ``file:///…?loop=1&realtime=1`` or ``zenoh://<camera>``.
+        url: ``rtsp://…``, ``v4l2:///dev/video0``, ``file:///…?loop=1&realtime=1`` or ``zenoh://<camera>``;
+            see :mod:`revnm_server.camera.url`.
         session: For cameras that publish over Zenoh.
 
     Raises:

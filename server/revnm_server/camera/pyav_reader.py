@@ -1,7 +1,8 @@
-"""Cameras on the network and video files, decoded with PyAV (FFmpeg).
+"""Cameras on the network, cameras at this computer and video files, decoded with PyAV (FFmpeg).
 
 Measured: FFmpeg buffers whatever is not read, so a thread of its own reads as fast as pictures come and keeps
-the newest; a stream that freezes with its connection open is noticed by time-outs, twice as late as they say.
+the newest; after a time-out it gives what it still held and only the second one in a row is an error, so
+silence is judged here. Its parser gives a picture of H.264 or H.265 when the next one begins to arrive.
 """
 
 from __future__ import annotations
@@ -9,52 +10,44 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from typing import cast
 
 import av
 import numpy as np
 from av.container import InputContainer
+from av.video.stream import VideoStream
 
-from revnm_client.errors import RevnmError
-from revnm_server.camera.jpeg import MAX_PIXELS, check_size
+from revnm_server.camera.backoff import Backoff
+from revnm_server.camera.pictures import Pictures
 from revnm_server.camera.slot import LatestSlot
 from revnm_server.camera.source import CameraState, CameraStatus
-from revnm_server.camera.url import FileCamera, NetworkCamera
+from revnm_server.camera.stream import StreamError, StreamSource, explain, open_stream, video_stream
+from revnm_server.camera.url import DeviceCamera, FileCamera, NetworkCamera
 from revnm_server.frame import Frame
 
 logger = logging.getLogger(__name__)
 
-_RETRY_FIRST_S = 0.5
-_RETRY_LONGEST_S = 10.0
+_TIMEOUT_S = 2.0
 _JOIN_S = 1.0
-_RTSP_OPTIONS = {
-    "rtsp_transport": "tcp",
-    "fflags": "nobuffer",
-    "flags": "low_delay",
-    "analyzeduration": "500000",
-    "protocol_whitelist": "rtsp,rtp,tcp,udp,tls,crypto",
-}
-_FILE_OPTIONS = {"protocol_whitelist": "file"}
-
-
-class StreamError(RevnmError):
-    """A stream that can be read and is no use: no pictures in it, or their time stamps stand."""
+_HELD_BACK = ("h264", "hevc")
 
 
 class PyavReader:
-    """Reads a stream or a file in a thread of its own; connects again by itself.
+    """Reads a stream, a device or a file in a thread of its own; connects again by itself.
 
     Args:
         source: What to read.
-        timeout_s: Longest wait for the connection, and for the next packet.
+        timeout_s: Longest wait for the network: for a connection, an answer, the next picture.
     """
 
-    def __init__(self, source: NetworkCamera | FileCamera, *, timeout_s: float = 3.0) -> None:
-        is_file = isinstance(source, FileCamera)
-        self.redacted_url = f"file://{source.path}" if isinstance(source, FileCamera) else source.redacted
+    def __init__(self, source: StreamSource, *, timeout_s: float = _TIMEOUT_S) -> None:
+        self.redacted_url = _shown(source)
         self._source = source
         self._timeout_s = timeout_s
-        self._slot = LatestSlot(watch_content=not is_file)
-        self._jitter = np.random.default_rng()
+        self._slot = LatestSlot(watch_content=not isinstance(source, FileCamera))
+        self._backoff = Backoff(np.random.default_rng())
+        self._told: str | None = None
+        self._heard_s = 0.0
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
@@ -71,6 +64,10 @@ class PyavReader:
         """Return the camera's health now."""
         return self._slot.status()
 
+    def note_motion(self, robot: str | None) -> None:
+        """Note which robot drives in the picture; None where none does."""
+        self._slot.note_motion(robot)
+
     def close(self) -> None:
         """Stop reading; a thread that waits for a dead camera is left to its time-out."""
         self._closing.set()
@@ -78,85 +75,74 @@ class PyavReader:
         self._thread.join(_JOIN_S)
 
     def _run(self) -> None:
-        delay_s = _RETRY_FIRST_S
         while not self._closing.is_set():
             before = self._slot.latest()
-            reason = self._attempt()
+            error = self._attempt()
             came = self._slot.latest() is not before
-            if isinstance(self._source, FileCamera) and reason is None:
+            if isinstance(self._source, FileCamera) and error is None:
                 if self._source.loop and came:
                     continue
                 self._slot.set_state(CameraState.ENDED, "the file is over")
                 return
-            reason = reason or "the camera closed the stream"
-            self._slot.set_state(CameraState.RECONNECTING, reason)
-            logger.warning("camera %s: %s", self.redacted_url, reason)
-            delay_s = _RETRY_FIRST_S if came else min(2.0 * delay_s, _RETRY_LONGEST_S)
-            self._closing.wait(delay_s * self._jitter.uniform(0.5, 1.0))
+            self._tell(explain(error, self._source) if error is not None else "the camera closed the stream")
+            refused = isinstance(error, av.error.HTTPUnauthorizedError | av.error.HTTPForbiddenError)
+            self._closing.wait(self._backoff.pause_s(worked=came, refused=refused))
 
-    def _attempt(self) -> str | None:
+    def _tell(self, reason: str) -> None:
+        """Show why there are no pictures; log it where it was not the reason before."""
+        self._slot.set_state(CameraState.RECONNECTING, reason)
+        if reason != self._told and not self._closing.is_set():
+            logger.warning("camera %s: %s", self.redacted_url, reason)
+            self._told = reason
+
+    def _attempt(self) -> Exception | None:
         """Read until the stream breaks or is over; return why it broke, None where it is just over."""
+        self._heard_s = time.monotonic()
         try:
-            with self._open() as container:
+            with open_stream(self._source, timeout_s=self._timeout_s) as container:
+                self._heard_s = time.monotonic()
                 self._read(container)
+        except (av.error.ExitError, av.error.TimeoutError, av.error.InvalidDataError, av.error.OSError) as error:
+            return self._silence() if self._is_silent() else error  # FFmpeg calls an answer that never came invalid
         except Exception as error:  # whatever FFmpeg makes of a hostile stream: shown in the status
-            return self._describe(error)
+            return error
         return None
 
+    def _is_silent(self) -> bool:
+        return isinstance(self._source, NetworkCamera) and time.monotonic() - self._heard_s >= self._timeout_s
+
+    def _silence(self) -> StreamError:
+        return StreamError(f"nothing came for {self._timeout_s:.1f} s")
+
     def _read(self, container: InputContainer) -> None:
-        if not container.streams.video:
-            raise StreamError("there are no pictures in it, only sound or data")
-        stream = container.streams.video[0]
-        stream.thread_type = "SLICE"
-        stream.codec_context.options = {"max_pixels": str(MAX_PIXELS)}
-        newest_pts, advanced_s = -1, time.monotonic()
-        pace = _Pace(self._closing)
-        for frame in container.decode(stream):
+        stream = video_stream(container)
+        pictures = Pictures(self._slot, self._source, self._closing)
+        held_back = isinstance(self._source, NetworkCamera) and stream.codec_context.name in _HELD_BACK
+        began_ns = time.time_ns()
+        for packet in container.demux(stream):
+            now_ns = time.time_ns()
             if self._closing.is_set():
                 return
-            if frame.pts is not None and frame.pts <= newest_pts:
-                self._slot.note_repeated()
-                if time.monotonic() - advanced_s > self._timeout_s:
-                    raise StreamError("the time stamps of the stream stand still")
-                continue
-            newest_pts, advanced_s = frame.pts if frame.pts is not None else -1, time.monotonic()
-            if isinstance(self._source, FileCamera) and self._source.realtime and frame.time is not None:
-                pace.wait_until(frame.time)
-            self._put(frame)
-
-    def _put(self, frame: av.VideoFrame) -> None:
-        stamp_ns = time.time_ns()
-        check_size(frame.width, frame.height)
-        image = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
-        self._slot.put(image, stamp_ns=stamp_ns)
-
-    def _open(self) -> InputContainer:
-        if isinstance(self._source, FileCamera):
-            return av.open(str(self._source.path), options=_FILE_OPTIONS)
-        timeout = (self._timeout_s, self._timeout_s)
-        return av.open(self._source.url, options=_RTSP_OPTIONS, timeout=timeout)
-
-    def _describe(self, error: Exception) -> str:
-        """Return what went wrong, without the address: FFmpeg repeats it with its password."""
-        if isinstance(error, av.error.ExitError):  # PyAV's way to say that a time-out ran out
-            return f"nothing came for {self._timeout_s} s"
-        if isinstance(error, OSError | av.FFmpegError) and error.strerror:
-            return error.strerror
-        if isinstance(error, RevnmError):
-            return str(error)
-        return f"{type(error).__name__}"
+            if self._is_silent():
+                raise self._silence()
+            if isinstance(self._source, DeviceCamera):
+                packet = _detached(packet)
+            # What was held back until the next picture began to arrive did so itself when the one before was given.
+            pictures.take(packet, taken_ns=began_ns if held_back else now_ns)
+            self._heard_s, began_ns = time.monotonic(), now_ns
+            if pictures.running and self._told is not None:
+                logger.info("camera %s: pictures come again", self.redacted_url)
+                self._told = None
 
 
-class _Pace:
-    """Lets a file play at the speed of its recording."""
+def _detached(packet: av.Packet[VideoStream]) -> av.Packet[VideoStream]:
+    """Return a copy that owns its data; measured: FFmpeg crashes where one of the driver's outlives its device."""
+    copy = cast("av.Packet[VideoStream]", av.Packet(bytes(packet)))
+    copy.stream, copy.pts, copy.dts, copy.time_base = packet.stream, packet.pts, packet.dts, packet.time_base
+    return copy
 
-    def __init__(self, closing: threading.Event) -> None:
-        self._closing = closing
-        self._offset_s: float | None = None
 
-    def wait_until(self, media_s: float) -> None:
-        """Wait until ``media_s`` of the recording is due."""
-        now_s = time.monotonic()
-        if self._offset_s is None:
-            self._offset_s = now_s - media_s
-        self._closing.wait(max(0.0, media_s + self._offset_s - now_s))
+def _shown(source: StreamSource) -> str:
+    if isinstance(source, NetworkCamera):
+        return source.redacted
+    return f"{'v4l2' if isinstance(source, DeviceCamera) else 'file'}://{source.path}"

@@ -4,37 +4,33 @@ from __future__ import annotations
 
 import threading
 import time
-import zlib
 from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
 
+from revnm_server.camera.content import ContentWatch, digest
 from revnm_server.camera.source import CameraState, CameraStatus
 from revnm_server.frame import Frame
 
 STALE_AFTER_S = 1.0
-SAME_AFTER_S = 2.0
 _FPS_WINDOW = 20
-_CONTENT_STEP = 8
 
 
 class LatestSlot:
     """Holds one frame: a slow consumer gets the newest, never a queue of old ones. Thread-safe.
 
     Args:
-        watch_content: Warn where the picture does not change at all: a real sensor always has noise, a
-            rendered picture has none.
+        watch_content: Mind pictures that do not change at all: a real sensor always has noise, a rendered
+            picture has none.
     """
 
     def __init__(self, *, watch_content: bool) -> None:
         self._new = threading.Condition()
-        self._watch_content = watch_content
+        self._content = ContentWatch() if watch_content else None
         self._frame: Frame | None = None
         self._arrivals_s: deque[float] = deque(maxlen=_FPS_WINDOW)
         self._arrived_s = 0.0
-        self._content = 0
-        self._same_since_s = 0.0
         self._state = CameraState.INIT
         self._reason = "no picture yet"
         self._repeating = False
@@ -46,13 +42,13 @@ class LatestSlot:
         ``jpeg`` is what it was decoded from, if that was one.
         """
         now_s = time.monotonic()
-        content = zlib.crc32(image[::_CONTENT_STEP, ::_CONTENT_STEP].tobytes()) if self._watch_content else 0
+        content = digest(image) if self._content is not None else 0
         with self._new:
             if self._state is CameraState.ENDED:
                 return
             seq = self._frame.seq + 1 if self._frame is not None else 1
-            if self._frame is None or content != self._content:
-                self._content, self._same_since_s = content, now_s
+            if self._content is not None:
+                self._content.see(content, now_s)
             self._frame = Frame(image, stamp_ns, seq, jpeg)
             self._arrived_s = now_s
             self._arrivals_s.append(now_s)
@@ -68,6 +64,12 @@ class LatestSlot:
         """Count a picture that was refused."""
         with self._new:
             self._rejected += 1
+
+    def note_motion(self, robot: str | None) -> None:
+        """Note which robot drives in the picture, which must then change; None where none does."""
+        if self._content is not None:
+            with self._new:
+                self._content.note_motion(robot, time.monotonic())
 
     def set_state(self, state: CameraState, reason: str) -> None:
         """Note that the camera is not running, and why; ENDED is final."""
@@ -92,31 +94,28 @@ class LatestSlot:
         now_s = time.monotonic()
         with self._new:
             age_s = now_s - self._arrived_s if self._frame is not None else None
-            state, reason = self._judge(age_s)
+            state, reason = self._judge(age_s, now_s)
             running = state is CameraState.RUNNING
             return CameraStatus(
                 state=state,
                 reason=None if running else reason,
-                warning=self._warning(now_s) if running else None,
+                warning=self._content.odd(now_s) if running and self._content is not None else None,
                 size_px=self._frame.size_px if self._frame is not None else None,
                 fps=self._fps() if running else None,
                 frame_age_s=age_s,
                 rejected=self._rejected + more_rejected,
             )
 
-    def _judge(self, age_s: float | None) -> tuple[CameraState, str]:
-        if self._state is not CameraState.RUNNING or age_s is None or age_s <= STALE_AFTER_S:
+    def _judge(self, age_s: float | None, now_s: float) -> tuple[CameraState, str]:
+        if self._state is not CameraState.RUNNING or age_s is None:
             return self._state, self._reason
-        if self._repeating:
+        if age_s > STALE_AFTER_S and self._repeating:
             return CameraState.STALE, f"the picture is frozen: its time stamp stands since {age_s:.1f} s"
-        return CameraState.STALE, f"no new picture for {age_s:.1f} s"
+        if age_s > STALE_AFTER_S:
+            return CameraState.STALE, f"no new picture for {age_s:.1f} s"
+        frozen = self._content.frozen(now_s) if self._content is not None else None
+        return (CameraState.RUNNING, "") if frozen is None else (CameraState.STALE, frozen)
 
     def _fps(self) -> float | None:
         span_s = self._arrivals_s[-1] - self._arrivals_s[0]
         return (len(self._arrivals_s) - 1) / span_s if span_s > 0.0 else None
-
-    def _warning(self, now_s: float) -> str | None:
-        same_s = now_s - self._same_since_s
-        if not self._watch_content or same_s < SAME_AFTER_S:
-            return None
-        return f"the picture has not changed at all for {same_s:.0f} s"

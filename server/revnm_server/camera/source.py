@@ -17,7 +17,7 @@ class CameraState(StrEnum):
     RUNNING = "running"
     """New pictures keep coming."""
     STALE = "stale"
-    """Connected, yet no new picture for a second."""
+    """Connected, yet no new picture for a second, or the same one while a robot drives in it."""
     RECONNECTING = "reconnecting"
     """The connection broke or never came about; it is tried again."""
     ENDED = "ended"
@@ -65,6 +65,14 @@ class CameraSource(Protocol):
 
     def status(self) -> CameraStatus:
         """Return the camera's health now."""
+        ...
+
+    def note_motion(self, robot: str | None) -> None:
+        """Note which robot, lately seen, says that it drives; None where none does. Call it several times a second.
+
+        A picture that stays the same meanwhile is STALE. Ignored where equal pictures are honest: files, the
+        simulator's over Zenoh.
+        """
         ...
 
     def close(self) -> None:

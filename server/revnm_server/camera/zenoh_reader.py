@@ -58,6 +58,10 @@ class ZenohReader:
         """Return the camera's health now."""
         return self._slot.status(more_rejected=self._inbox.rejected)
 
+    def note_motion(self, robot: str | None) -> None:
+        """Note which robot drives in the picture; None where none does."""
+        self._slot.note_motion(robot)
+
     def close(self) -> None:
         """Stop reading."""
         self._closing.set()

@@ -14,7 +14,11 @@ def add_setting_options(parser: argparse.ArgumentParser) -> None:
     """Add the settings file, and options for what is set most often."""
     add = parser.add_argument
     add("--config", type=Path, metavar="FILE", help="settings, YAML")
-    add("--camera", metavar="URL", help="rtsp://…, file:///…?loop=1 or zenoh://NAME (zenoh://camera)")
+    add(
+        "--camera",
+        metavar="URL",
+        help="rtsp://…, v4l2:///dev/video0, file:///…?loop=1 or zenoh://NAME (zenoh://camera)",
+    )
     add("--listen", action="append", metavar="ENDPOINT", help="Zenoh endpoint (tcp/127.0.0.1:7447)")
     add("--http", metavar="HOST:PORT", help="address of page and API (127.0.0.1:8000)")
     add("--insecure-http", action="store_true", help="let anyone who reaches the HTTP address drive the robots")

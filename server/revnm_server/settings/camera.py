@@ -18,6 +18,9 @@ class CameraSettings(Section):
     def __repr__(self) -> str:
         return f"CameraSettings(url={redact(self.url)!r}, name={self.name!r})"
 
+    def __str__(self) -> str:
+        return repr(self)
+
     @pydantic.field_validator("url")
     @classmethod
     def _understood(cls, url: str) -> str:
@@ -27,5 +30,5 @@ class CameraSettings(Section):
     @pydantic.field_validator("name")
     @classmethod
     def _named(cls, name: str) -> str:
-        reraised(check_name, name)
+        reraised(check_name, redact(name))  # an address that stands in the wrong place is not shown either
         return name
