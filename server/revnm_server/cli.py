@@ -11,6 +11,7 @@ from revnm_client.errors import RevnmError
 
 _HELP = {
     "serve": "watch a camera and drive the robots in its picture",
+    "bench": "measure what each stage of a tick takes",
 }
 
 

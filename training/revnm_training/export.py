@@ -248,7 +248,7 @@ def export_bundle(
     parts = graphs(preset)
     kept = _kept_parts(preset, set(checkpoints), base, random_weights=random_weights)
     if "depth" not in parts:
-        preset = _with_disparity_of(preset, kept["depth"])
+        preset = _with_depth_of(preset, kept["depth"])
     loaded = {kind: _load_weights(parts[kind], path, kind, preset) for kind, path in checkpoints.items()}
     drawn = [kind for kind in _KINDS if kind not in loaded and kind not in kept]
     loaded |= {kind: _random_weights(parts[kind], kind, preset) for kind in drawn}
@@ -272,9 +272,7 @@ def export_bundle(
     return differences
 
 
-def _kept_parts(
-    preset: Preset, given: set[str], base: Path | None, *, random_weights: bool
-) -> dict[str, KeptPart]:
+def _kept_parts(preset: Preset, given: set[str], base: Path | None, *, random_weights: bool) -> dict[str, KeptPart]:
     """Return what is taken over from the base, by kind."""
     kinds = [kind for kind in _KINDS if kind != "depth" or preset.depth is not None]
     missing = [kind for kind in _KINDS if kind not in given]
@@ -288,8 +286,10 @@ def _kept_parts(
     return {kind: kept_part(base, kind, preset) for kind in missing if base is not None}
 
 
-def _with_disparity_of(preset: Preset, depth: KeptPart) -> Preset:
-    return replace(preset, observation=replace(preset.observation, disparity_hw=depth.disparity_hw))
+def _with_depth_of(preset: Preset, kept: KeptPart) -> Preset:
+    """Return the preset with a depth network that it did not have: what it sees has that one's size."""
+    observation = replace(preset.observation, disparity_hw=kept.disparity_hw)
+    return replace(preset, depth=kept.depth, observation=observation)
 
 
 def _random_weights(graph: Graph, kind: str, preset: Preset) -> Checkpoint:

@@ -10,7 +10,7 @@ from typing import Any
 from revnm_client.errors import FileError
 from revnm_server.bundle import load_bundle, load_depth_bundle
 from revnm_server.manifest import MANIFEST
-from revnm_training.preset import Preset
+from revnm_training.preset import DepthConfig, Preset, depth_config_from
 
 _NEEDED = {"depth": ("disparity_hw",)}
 """Parts of the observation that must be equal, by kind; of the others all."""
@@ -24,6 +24,7 @@ class KeptPart:
         path: Its ONNX file.
         encoder: That of the policy's encoder, where the policy is in two parts.
         disparity_hw: Of the bundle's depth network.
+        depth: Sizes of that network, where the bundle tells them.
         entry: Of the manifest's ``models``.
         run: How it was trained, as of the manifest.
         data: On what.
@@ -33,6 +34,7 @@ class KeptPart:
     path: Path
     encoder: Path | None
     disparity_hw: tuple[int, int]
+    depth: DepthConfig | None
     entry: dict[str, Any]
     run: dict[str, Any]
     data: dict[str, Any]
@@ -69,6 +71,7 @@ def kept_part(base: Path, kind: str, preset: Preset) -> KeptPart:
         base / entry["file"],
         base / encoder["file"] if encoder else None,
         bundle.spec.disparity_hw,
+        depth_config_from(manifest["recipe"].get("preset", {}).get("depth"), f"{base / MANIFEST}: recipe.preset.depth"),
         entry,
         manifest["recipe"]["runs"].get(kind, {}),
         manifest["data"].get(kind, {}),

@@ -1,30 +1,17 @@
-"""``report.json`` and the table on the terminal."""
+"""``report.json`` of the simulator's commands: the server's, with the simulator's versions and comparisons of methods."""
 
 from __future__ import annotations
 
-import json
-import os
-import platform
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from revnm_client.errors import FileError
+from revnm_server import report
+from revnm_server.report import make_folder, table
 
-_PACKAGES = ("revnm-client", "revnm-server", "revnm-sim", "numpy", "numba", "onnxruntime", "pybullet")
+__all__ = ["make_folder", "table", "write_report"]
 
-
-def make_folder(path: Path) -> None:
-    """Make a folder for what a command writes, where there is none.
-
-    Raises:
-        FileError: It cannot be made.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"--out {path}: expected a folder that can be made: {error.strerror}") from error
+_PACKAGES = (*report.PACKAGES, "revnm-sim", "pybullet")
 
 
 def write_report(
@@ -38,29 +25,5 @@ def write_report(
         command: The command line that made it.
         comparisons: One flat object per two methods, where methods are compared.
     """
-    report = {
-        "rows": list(rows),
-        **({} if comparisons is None else {"comparisons": list(comparisons)}),
-        "command": command,
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}},
-        "machine": {"system": platform.platform(), "processor": platform.machine(), "cores": os.cpu_count()},
-    }
-    partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-    partial.replace(path)
-
-
-def table(rows: Sequence[dict[str, Any]]) -> str:
-    """Return the rows as a Markdown table; all rows have the same keys."""
-    if not rows:
-        return ""
-    keys = list(rows[0])
-    cells = [keys, *([_cell(row[key]) for key in keys] for row in rows)]
-    widths = [max(len(line[column]) for line in cells) for column in range(len(keys))]
-    lines = ["| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |" for line in cells]
-    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
-    return "\n".join(lines)
-
-
-def _cell(value: Any) -> str:
-    return "" if value is None else str(value)
+    more = None if comparisons is None else {"comparisons": comparisons}
+    report.write_report(path, rows, command, packages=_PACKAGES, more=more)
