@@ -1,7 +1,7 @@
 """Keeps what a policy's encoder made of each image, so that none is encoded twice.
 
-Of a history of N images, N − 1 were in earlier histories. Features are found by the image's own bytes, so that whatever
-histories do (a robot that appears late, a film that begins anew, frames that were lost), an image's features are its own.
+Of a history of N images, N − 1 were in earlier histories. Features are found by the image's own bytes: whatever
+histories do (a robot appears late, a film begins anew, frames are lost), an image's features are its own.
 """
 
 from __future__ import annotations

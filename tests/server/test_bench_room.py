@@ -15,12 +15,12 @@ from revnm_server.tag import TagDetector
 
 def test_tags_are_found_where_the_robots_are() -> None:
     room = Room(3, period_s=0.1)
-    room.robots[0].pose, room.robots[1].pose = Pose2(2.2, -1.0, 0.7), Pose2(5.4, 0.9, -2.0)
+    room.robots[0].pose, room.robots[1].pose = Pose2(2.2, -1.0, 0.7), Pose2(6.2, 0.9, -2.0)
     room.robots[2].pose = Pose2(5.2, 0.1, 0.0)  # behind a box
     tags = {"r0": 4, "r1": 5, "r2": 6}
     frame = RoomPainter(tags).frame(room)
     detector = TagDetector({number: robot for robot, number in tags.items()})
-    seen = {each.robot: each for _ in range(2) for each in detector.sightings(frame)}  # every second search is fine
+    seen = {each.robot: each for _ in range(6) for each in detector.sightings(frame)}  # two searches of the whole
     assert set(seen) == {"r0", "r1"}
     for robot in room.robots[:2]:
         points = np.array([[*robot.pose.apply(np.array([x, 0.0])), TAG_HEIGHT_M] for x in (0.0, 0.01)])

@@ -1,7 +1,7 @@
-"""A bundle's networks in PyTorch eager, run as somebody would who has the paper's code: what the server is compared with.
+"""A bundle's networks in PyTorch eager, as a reader of the paper would run them: what the server is compared with.
 
-One robot after the other, the whole history encoded anew for each.
-The weights are random: speed does not depend on them. ``revnm-server bench`` finds this by its entry point.
+One robot after the other, the whole history encoded anew for each. The weights are random: speed does not depend on
+them. ``revnm-server bench`` finds this by its entry point.
 """
 
 from __future__ import annotations

@@ -305,8 +305,7 @@ def _random_weights(graph: Graph, kind: str, preset: Preset) -> Checkpoint:
 def _inner(graph: Graph) -> nn.Module:
     """Return the network that training knows."""
     network = graph.network
-    wrapped = isinstance(network, PolicyGraph | FeaturePolicyGraph | MapPolicyGraph)
-    return network.policy if wrapped else network
+    return network.policy if isinstance(network, PolicyGraph | FeaturePolicyGraph | MapPolicyGraph) else network
 
 
 def _load_weights(graph: Graph, path: Path, kind: str, preset: Preset) -> Checkpoint:

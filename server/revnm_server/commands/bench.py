@@ -7,11 +7,13 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from revnm_client.errors import ConfigError
+from revnm_client.errors import ConfigError, RevnmError
 from revnm_server.bundle import default_bundle_path, load_bundle
 from revnm_server.manifest import read_manifest
 from revnm_server.report import make_folder, table, write_report
 from revnm_server.speed.tables import OURS, Row, one_after_the_other, stage_rows, summary
+
+_TICK_HZ = 10.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,13 +55,17 @@ def _measure(folder: Path, counts: list[int], options: argparse.Namespace) -> li
 
     bundle, rows = load_bundle(folder, threads=options.threads), []
     for robots in counts:
-        course = Course(robots, options.ticks, options.longest, tick_hz=10.0, threads=options.threads)
+        course = Course(robots, options.ticks, options.longest, _TICK_HZ)
         rows += stage_rows(bundle.name, robots, OURS, drive(bundle, course))
     others = {} if options.no_baseline else backends()
     if not others and not options.no_baseline:
         print("nothing to compare with is installed: revnm-training brings PyTorch eager")
     for name, point in others.items():
-        networks = point.load()(bundle)
+        try:
+            networks = point.load()(bundle)
+        except RevnmError as error:
+            print(f"{bundle.name}, {name}: left out: {error}")
+            continue
         print(f"{bundle.name}, {name}: {networks.note}")
         for robots in counts:
             taken = run_networks(networks, bundle, robots=robots, rounds=options.ticks, longest_s=options.longest)

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
+from typing import cast
 
 import numpy as np
 from tqdm import tqdm
@@ -102,12 +103,11 @@ def _taken_ms(ask: Callable[[], object]) -> float:
 def _policy_ask(
     networks: Networks, bundle: Bundle, egos: Sequence[EgoRequest], rng: np.random.Generator
 ) -> Callable[[], object]:
-    policy = networks.policy
     if bundle.sees == "picture":
-        plans = [_plan_request(bundle, ego, rng) for ego in egos]
-        return lambda: policy.waypoints(plans)  # type: ignore[union-attr]
-    beliefs = [_belief_request(bundle, rng) for _ in egos]
-    return lambda: policy.believe(beliefs)  # type: ignore[union-attr]
+        planner, plans = cast(Planner, networks.policy), [_plan_request(bundle, ego, rng) for ego in egos]
+        return lambda: planner.waypoints(plans)
+    policy, beliefs = cast(FloorPolicy, networks.policy), [_belief_request(bundle, rng) for _ in egos]
+    return lambda: policy.believe(beliefs)
 
 
 def _ego_request(bundle: Bundle, number: int, rng: np.random.Generator) -> EgoRequest:

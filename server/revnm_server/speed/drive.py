@@ -37,14 +37,12 @@ class Course:
         ticks: That count, at most.
         longest_s: After so long no more ticks begin, if there are five.
         tick_hz: Pictures a second; a tick that takes longer delays the next.
-        threads: Of a model.
     """
 
     robots: int
     ticks: int
     longest_s: float
     tick_hz: float
-    threads: int
 
 
 def drive(bundle: Bundle, course: Course) -> list[dict[str, float]]:
@@ -55,7 +53,7 @@ def drive(bundle: Bundle, course: Course) -> list[dict[str, float]]:
     """
     tags = {f"r{number}": number for number in range(course.robots)}
     room, painter = Room(course.robots, period_s=1.0 / course.tick_hz), RoomPainter(tags)
-    settings = PerceptionSettings(bundle=bundle.folder, threads=course.threads, tick_hz=course.tick_hz)
+    settings = PerceptionSettings(bundle=bundle.folder)
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(limits=1, user_api="blas"):
         if bundle.sees == "picture":
             return _ticks(build_pipeline(bundle, settings, tags), room, painter, course, bundle)

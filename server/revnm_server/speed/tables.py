@@ -72,12 +72,8 @@ def _bar(preset: str, robots: int) -> Row:
 
 def _ratios(p50: dict[tuple[str, int, str, str], float], preset: str, robots: int, other: str) -> list[Row]:
     """Return how many times faster than another runtime whole ticks are, and their networks alone."""
-    stages = {
-        "tick": ("tick",),
-        "networks": tuple(stage for stage in _NETWORKS if (preset, robots, other, stage) in p50),
-    }
     found = []
-    for name, parts in stages.items():
+    for name, parts in (("tick", ("tick",)), ("networks", _NETWORKS)):
         if any((preset, robots, backend, part) not in p50 for backend in (OURS, other) for part in parts):
             continue
         slow, fast = (sum(p50[preset, robots, backend, part] for part in parts) for backend in (other, OURS))

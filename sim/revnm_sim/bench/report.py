@@ -1,4 +1,4 @@
-"""``report.json`` of the simulator's commands: the server's, with the simulator's versions and comparisons of methods."""
+"""``report.json`` of the simulator's commands: as the server's, with versions and comparisons of its own."""
 
 from __future__ import annotations
 

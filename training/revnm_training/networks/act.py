@@ -143,9 +143,9 @@ class ActPolicy(nn.Module):
             z = mean + torch.exp(logvar / 2.0) * torch.randn_like(mean)
         if self.config.robot_aligned:
             exo = paint(exo, robot, heading, goal)
-        features = [_each(self.exo.features, exo), _each(self.ego.features, _each(self._enlarged, ego))]
-        waypoints = self.decide(*features, robot, heading, goal, z)
-        return PolicyOutput(waypoints, mean, logvar)
+        exo = _each(self.exo.features, exo)  # (B, N, tokens, d)
+        ego = _each(self.ego.features, _each(self._enlarged, ego))
+        return PolicyOutput(self.decide(exo, ego, robot, heading, goal, z), mean, logvar)
 
     @property
     def encodes_alone(self) -> bool:
