@@ -50,8 +50,9 @@ def test_robots_follow_their_plans_measure_and_get_another_goal_where_they_arriv
     assert (len(heard.odometry), len(heard.scans)) == (10, 10)
     assert math.dist(robot.pose[:2], start[:2]) == pytest.approx(0.5)  # a second at 0.5 m/s
     assert heard.odometry[-1].odom_from_robot.x_m == pytest.approx(0.5)
+    goal_m, _ = CAMERA.on_plane(goal.normalised * CAMERA.size_px - 0.5)
     for _ in range(600):
-        room.advance(room.straight_on())
+        room.advance({"r0": robot.pose.inverse().apply(goal_m[None])})
         if robot.goal is not goal:
             break
     assert robot.goal.id != goal.id
@@ -63,5 +64,7 @@ def test_goals_and_starts_lie_in_the_picture_clear_of_boxes() -> None:
     for robot in room.robots:
         assert (robot.goal.normalised > 0.0).all()
         assert (robot.goal.normalised < 1.0).all()
+        others = [math.dist(robot.pose[:2], other.pose[:2]) for other in room.robots if other is not robot]
+        assert min(others) > 0.6
         for box in BOXES:
             assert (np.abs(np.subtract(robot.pose[:2], box.centre_m)) > 0.5 * np.array(box.size_m)).any()

@@ -25,7 +25,9 @@ ROBOT_LENGTH_M, ROBOT_WIDTH_M, TAG_HEIGHT_M, TAG_SIZE_M = 0.43, 0.36, 0.14, 0.30
 _X_M, _Y_M = (1.6, 7.4), (-2.6, 2.6)  # where robots start and go
 _SPEED_MPS, _TURN_RADPS = 0.5, 0.7
 _ARRIVED_M = 0.5
-_CLEAR_M = 0.45
+_CLEAR_M, _APART_M = 0.45, 0.75
+_CROWDED = 0.999  # so much nearer than the last one the next draw may lie
+_HIDDEN_M = 0.5  # so far behind a box the camera may not see a tag
 _BEAMS, _RANGE_M, _RANGE_NOISE_M = 720, 12.0, 0.015
 _NS_PER_S = 1e9
 
@@ -77,11 +79,11 @@ class Goal:
 class RoomRobot:
     """One robot: follows its plans, and says what it measures; see :class:`revnm_server.ports.Senses`."""
 
-    def __init__(self, name: str, rng: np.random.Generator) -> None:
-        """Put it anywhere."""
+    def __init__(self, name: str, place_m: tuple[float, float], rng: np.random.Generator) -> None:
+        """Put it on a place, in any heading."""
         self.name = name
         self._rng = rng
-        self._start = self.pose = Pose2(*_free_place(rng), rng.uniform(-math.pi, math.pi))
+        self._start = self.pose = Pose2(*place_m, rng.uniform(-math.pi, math.pi))
         self._goals = 0
         self._set_goal()
         self._odometry: list[Odometry] = []
@@ -103,10 +105,6 @@ class RoomRobot:
             self.pose @= Pose2(ahead * math.cos(turn / 2.0), ahead * math.sin(turn / 2.0), turn)
         if math.dist(self.pose[:2], self._goal_m) < _ARRIVED_M:
             self._set_goal()
-
-    def straight_on(self) -> FloatArray:
-        """Return a plan (1, 2) to the goal, robot frame."""
-        return self.pose.inverse().apply(np.array([self._goal_m]))
 
     def measure(self, stamp_ns: int, edges_m: FloatArray) -> None:
         """Read wheels and LiDAR.
@@ -142,7 +140,8 @@ class Room:
             count: Of robots.
             period_s: Between two ticks.
         """
-        self.robots = tuple(RoomRobot(f"r{number}", np.random.default_rng([number, 7])) for number in range(count))
+        rng = np.random.default_rng(7)
+        self.robots = tuple(RoomRobot(f"r{number}", place, rng) for number, place in enumerate(_places(count, rng)))
         self._period_s = period_s
         self._edges_m = np.concatenate([_edges(box.outline_m) for box in (*BOXES, *WALLS)])
         self.stamp_ns = 1_000_000_000
@@ -152,10 +151,6 @@ class Room:
     def goals(self) -> dict[str, Goal]:
         """Where each robot should go now."""
         return {robot.name: robot.goal for robot in self.robots}
-
-    def straight_on(self) -> dict[str, FloatArray]:
-        """Return plans that lead each robot straight to its goal, through whatever stands there."""
-        return {robot.name: robot.straight_on() for robot in self.robots}
 
     def advance(self, waypoints_m: Mapping[str, FloatArray]) -> None:
         """Let a tick pass.
@@ -193,10 +188,23 @@ def _edges(outline_m: FloatArray) -> FloatArray:
     return np.stack([outline_m, np.roll(outline_m, -1, axis=0)], axis=1)
 
 
+def _places(count: int, rng: np.random.Generator) -> list[tuple[float, float]]:
+    """Draw places for robots, apart from each other as far as there is room for that."""
+    places: list[tuple[float, float]] = []
+    apart_m = _APART_M
+    while len(places) < count:
+        place = _free_place(rng)
+        if all(math.dist(place, other) >= apart_m for other in places):
+            places.append(place)
+        apart_m *= _CROWDED
+    return places
+
+
 def _free_place(rng: np.random.Generator) -> tuple[float, float]:
-    """Draw a place where a robot stands clear of the boxes."""
+    """Draw a place where a robot stands clear of the boxes, and the camera sees it over them."""
     while True:
         place = rng.uniform(_X_M[0], _X_M[1]), rng.uniform(_Y_M[0], _Y_M[1])
-        gaps = (np.abs(np.subtract(place, box.centre_m)) - 0.5 * np.array(box.size_m) for box in BOXES)
+        behind = np.array([0.5 * _HIDDEN_M, 0.0])
+        gaps = (np.abs(place - behind - box.centre_m) - behind - 0.5 * np.array(box.size_m) for box in BOXES)
         if all(gap.max() > _CLEAR_M for gap in gaps):
             return place
