@@ -1,4 +1,4 @@
-"""A model bundle: a folder with three ONNX models and a manifest that says what they expect.
+"""A model bundle: a folder with three or four ONNX models and a manifest that says what they expect.
 
 Nothing in a bundle is trusted: every file is hashed, every model's inputs and outputs are compared with the
 manifest, and each model runs once on zeros before the server says it is ready.
@@ -21,7 +21,7 @@ from revnm_server.depth_network import DepthNetwork
 from revnm_server.depth_output import DepthOutput
 from revnm_server.ego_prior import PRIOR_CHANNELS
 from revnm_server.inference import OnnxModel, Shape
-from revnm_server.manifest import DepthSection, Manifest, ModelSection, read_manifest
+from revnm_server.manifest import DepthSection, Manifest, ModelSection, PolicySection, read_manifest
 from revnm_server.map_window import LAYERS, WAY_POINTS, WindowSpec
 from revnm_server.observation import ObservationSpec
 from revnm_server.providers import Provider
@@ -55,6 +55,8 @@ class Bundle:
         depth: The depth network.
         exo2ego: The exo2ego denoiser.
         policy: The policy's model.
+        encoder: Makes the features that the policy sees instead of pictures, ``images`` (K, 1, e, e) → ``features``
+            (K, T, d); None where the policy sees the pictures, or the map.
         sees: Whether the policy sees the camera's picture or the lifted map.
         manifest: The manifest, for people.
     """
@@ -65,6 +67,7 @@ class Bundle:
     depth: DepthNetwork
     exo2ego: Exo2EgoConfig
     policy: OnnxModel
+    encoder: OnnxModel | None
     sees: Literal["picture", "map"]
     manifest: dict[str, Any]
 
@@ -111,7 +114,8 @@ def load_bundle(folder: Path, *, threads: int = 2, provider: Provider = "cpu") -
         OnnxModel(folder / section.file, threads=threads, provider=provider)
         for section in (models.depth, models.exo2ego, models.policy)
     )
-    policy_contract = _map_policy(spec) if models.policy.sees == "map" else _policy(spec)
+    encoder = _load_encoder(folder, models.policy, spec, threads=threads, provider=provider)
+    policy_contract = _map_policy(spec) if models.policy.sees == "map" else _policy(spec, encoder)
     for model, contract in (
         (depth, _depth(spec)),
         (exo2ego, _exo2ego(spec, prior=models.exo2ego.prior)),
@@ -125,6 +129,7 @@ def load_bundle(folder: Path, *, threads: int = 2, provider: Provider = "cpu") -
         depth=_depth_network(depth, models.depth, spec),
         exo2ego=Exo2EgoConfig(exo2ego, models.exo2ego.steps, models.exo2ego.prior, models.exo2ego.noise),
         policy=policy,
+        encoder=encoder,
         sees=models.policy.sees,
         manifest=manifest.model_dump(mode="json"),
     )
@@ -160,12 +165,28 @@ def missing_models(folder: Path) -> tuple[str, ...]:
         FileError: The manifest is missing or malformed.
     """
     models = read_manifest(folder).models
-    return tuple(each.file for each in (models.policy, models.exo2ego) if _is_missing(folder / each.file))
+    others = (models.policy, models.policy.encoder, models.exo2ego)
+    return tuple(each.file for each in others if each is not None and _is_missing(folder / each.file))
 
 
-def _sections(manifest: Manifest) -> tuple[ModelSection, ModelSection, ModelSection]:
+def _sections(manifest: Manifest) -> list[ModelSection]:
     models = manifest.models
-    return models.policy, models.exo2ego, models.depth
+    sections = (models.policy, models.policy.encoder, models.exo2ego, models.depth)
+    return [each for each in sections if each is not None]
+
+
+def _load_encoder(
+    folder: Path, policy: PolicySection, spec: ObservationSpec, *, threads: int, provider: Provider
+) -> OnnxModel | None:
+    """Load the policy's encoder, if there is one, and check that it makes features of one size."""
+    if policy.encoder is None:
+        return None
+    encoder = OnnxModel(folder / policy.encoder.file, threads=threads, provider=provider)
+    features = encoder.outputs.get("features", ())[1:]
+    if len(features) != 2 or None in features:
+        raise FileError(f"{encoder.path}: output features: shape expected (any, tokens, channels), both numbers")
+    _check_model(encoder, {"images": (None, 1, *spec.exo_hw)}, {"features": (None, *features)})
+    return encoder
 
 
 def _depth_network(model: OnnxModel, section: DepthSection, spec: ObservationSpec) -> DepthNetwork:
@@ -195,9 +216,11 @@ def _exo2ego(spec: ObservationSpec, *, prior: bool) -> Contract:
     return inputs, {"clean": ego}
 
 
-def _policy(spec: ObservationSpec) -> Contract:
-    exo = (None, spec.history, 1, *spec.exo_hw)
-    ego = (None, spec.history, 1, spec.ego_px, spec.ego_px)
+def _policy(spec: ObservationSpec, encoder: OnnxModel | None) -> Contract:
+    exo: Shape = (None, spec.history, 1, *spec.exo_hw)
+    ego: Shape = (None, spec.history, 1, spec.ego_px, spec.ego_px)
+    if encoder is not None:
+        exo = ego = (None, spec.history, *encoder.outputs["features"][1:])
     inputs: dict[str, Shape] = {
         "exo": exo,
         "ego": ego,

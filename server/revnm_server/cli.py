@@ -16,6 +16,7 @@ _HELP = {
     "models": "list depth networks of others, and fetch one",
     "record": "switch a running server's record on and off, and mend records that were cut",
     "replay": "make the plans of a record again, and compare them",
+    "bench": "measure what each stage of a tick takes",
 }
 
 

@@ -59,9 +59,13 @@ class ModelSection(_Section):
 
 
 class PolicySection(ModelSection):
-    """The policy's file, and whether it sees the camera's picture, as in the paper, or the lifted map."""
+    """The policy's file, and whether it sees the camera's picture, as in the paper, or the lifted map.
+
+    With an ``encoder``, the policy sees the features that this other model makes of each picture, not the pictures.
+    """
 
     sees: Literal["picture", "map"]
+    encoder: ModelSection | None = None
 
 
 class Exo2EgoSection(ModelSection):
@@ -109,6 +113,8 @@ class Manifest(_Section):
             raise ValueError("models.exo2ego.prior: needs a policy that sees the map")
         if self.models.policy.sees == "map" and self.observation.history != 1:
             raise ValueError("observation.history: a policy that sees the map has a history of 1")
+        if self.models.policy.sees == "map" and self.models.policy.encoder is not None:
+            raise ValueError("models.policy.encoder: needs a policy that sees the picture")
         return self
 
 

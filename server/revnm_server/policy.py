@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from revnm_client.geometry import FloatArray
+from revnm_server.feature_memory import FeatureMemory
 from revnm_server.observation import Image32
 
 if TYPE_CHECKING:
@@ -16,12 +17,13 @@ if TYPE_CHECKING:
 
 
 class OnnxPolicy:
-    """A planner that is a bundle's policy network, one batch over all robots."""
+    """A planner that is a bundle's policy network, one batch over all robots of one camera."""
 
     def __init__(self, bundle: Bundle) -> None:
         """Take the network from the bundle."""
         self._model = bundle.policy
         self._waypoints = bundle.spec.waypoints
+        self._features = None if bundle.encoder is None else FeatureMemory(bundle.encoder, bundle.spec)
 
     def waypoints(self, requests: Sequence[PlanRequest]) -> FloatArray:
         """Return (R, H, 2), metres, in each robot's frame at its sighting's stamp; R may be 0."""
@@ -31,9 +33,14 @@ class OnnxPolicy:
         def batch(part: Callable[[PlanRequest], FloatArray | Image32]) -> Image32:
             return np.stack([part(request) for request in requests]).astype(np.float32)
 
+        if self._features is not None:
+            exo, ego = self._features.recall(requests)  # (R, N, T, d)
+        else:
+            exo = batch(lambda request: request.exo[:, None])  # (R, N, 1, h, w)
+            ego = batch(lambda request: request.ego[:, None])  # (R, N, 1, px, px)
         outputs = self._model.run(
-            exo=batch(lambda request: request.exo[:, None]),  # (R, N, 1, h, w)
-            ego=batch(lambda request: request.ego[:, None]),  # (R, N, 1, px, px)
+            exo=exo,
+            ego=ego,
             robot=batch(lambda request: request.pose.p_rob),  # (R, 2)
             heading=batch(lambda request: request.pose.q_rel),  # (R, 2)
             goal=batch(lambda request: request.goal),  # (R, 2)

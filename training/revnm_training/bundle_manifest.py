@@ -26,13 +26,15 @@ def bundle_manifest(
         preset: Of the bundle.
         checkpoints: Of the networks that were exported, by kind.
         kept: The networks that were taken over, by kind.
-        folder: Holds the ONNX files, ``KIND.onnx``.
+        folder: Holds the ONNX files, ``KIND.onnx``, and perhaps ``encoder.onnx``, the policy's first part.
         benchmark: Rows of benchmarks of the bundle.
     """
     parts = {kind: _part(checkpoint) for kind, checkpoint in checkpoints.items()}
     parts |= {kind: {"run": part.run, "data": part.data, "validation": part.validation} for kind, part in kept.items()}
     models = {kind: _entry(preset, kind) | _file_entry(folder / f"{kind}.onnx") for kind in checkpoints}
     models |= {kind: part.entry | _file_entry(folder / f"{kind}.onnx") for kind, part in kept.items()}
+    if (folder / "encoder.onnx").exists():
+        models["policy"]["encoder"] = _file_entry(folder / "encoder.onnx")
     return {
         "format": 2,
         "name": preset.name,

@@ -62,6 +62,11 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     for kind in ("policy", "exo2ego", "depth"):
         parser.add_argument(f"--{kind}", type=Path, help="checkpoint; without it --base gives the network")
     parser.add_argument("--base", type=Path, help="bundle whose networks are taken over where a checkpoint lacks")
+    parser.add_argument(
+        "--random-weights",
+        action="store_true",
+        help="draw the networks that have no checkpoint: a bundle to measure speed with, not to drive",
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder of the bundle")
     parser.add_argument("--weights", type=Path, help="folder for small checkpoints to train on from")
     parser.add_argument("--report", type=Path, action="append", default=[], help="report.json for the manifest")
@@ -116,7 +121,14 @@ def _export(options: argparse.Namespace) -> int:
     named = {"policy": options.policy, "exo2ego": options.exo2ego, "depth": options.depth}
     checkpoints = {kind: path for kind, path in named.items() if path is not None}
     preset = load_preset(options.preset)
-    differences = export_bundle(preset, checkpoints, options.out, base=options.base, reports=options.report)
+    differences = export_bundle(
+        preset,
+        checkpoints,
+        options.out,
+        base=options.base,
+        random_weights=options.random_weights,
+        reports=options.report,
+    )
     if options.weights is not None:
         save_weights(checkpoints, options.weights)
     for kind, difference in differences.items():

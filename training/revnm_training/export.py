@@ -1,6 +1,7 @@
-"""Checkpoints to a model bundle: three ONNX files, checked against PyTorch, and their manifest.
+"""Checkpoints to a model bundle: ONNX files, checked against PyTorch, and their manifest.
 
-The averaged weights are exported. A bundle appears whole or not at all.
+The averaged weights are exported. A bundle appears whole or not at all. A policy that sees pictures is exported in two
+parts where its encoder sees each picture alone, so that the server encodes a picture once and not in every history.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import shutil
 import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +21,14 @@ import torch
 from torch import Tensor, nn
 
 from revnm_client.errors import ConfigError, ContractError, FileError
-from revnm_server.bundle import load_bundle
+from revnm_server.bundle import default_bundle_path, load_bundle
 from revnm_server.ego_prior import PRIOR_CHANNELS
 from revnm_server.inference import OnnxModel
 from revnm_server.manifest import MANIFEST
 from revnm_server.map_window import LAYERS, WAY_POINTS, WindowSpec
 from revnm_training.bundle_manifest import bundle_manifest
 from revnm_training.checkpoint import Checkpoint, fill, load_trained
-from revnm_training.kept_part import kept_part
+from revnm_training.kept_part import KeptPart, kept_part
 from revnm_training.networks.act import ActPolicy
 from revnm_training.networks.depth_net import DepthNet
 from revnm_training.networks.dit import Denoiser
@@ -36,6 +37,9 @@ from revnm_training.preset import Preset
 from revnm_training.train_policy import policy_network
 
 TOLERANCE = 1e-3
+ENCODER = "encoder"
+_KINDS = ("policy", "exo2ego", "depth")
+_RANDOM_STD = 0.02
 _MAX_ROBOTS = 64
 _CHECKED_BATCHES = (1, 3, 16)
 
@@ -51,6 +55,30 @@ class PolicyGraph(nn.Module):
         """Return waypoints (R, H, 2), metres."""
         waypoints: Tensor = self.policy(exo, ego, robot, heading, goal).waypoints
         return waypoints
+
+
+class EncoderGraph(nn.Module):
+    """The first part of a policy that is exported in two: images → features."""
+
+    def __init__(self, policy: ActPolicy) -> None:
+        super().__init__()
+        self.policy = policy
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Return the features (K, tokens, d) of images (K, 1, e, e) of either view, ego depth enlarged to e."""
+        return self.policy.exo.features(images)
+
+
+class FeaturePolicyGraph(nn.Module):
+    """The second part: features of the histories → waypoints."""
+
+    def __init__(self, policy: ActPolicy) -> None:
+        super().__init__()
+        self.policy = policy
+
+    def forward(self, exo: Tensor, ego: Tensor, robot: Tensor, heading: Tensor, goal: Tensor) -> Tensor:
+        """Return waypoints (R, H, 2), metres, from features (R, N, tokens, d) of both views."""
+        return self.policy.decide(exo, ego, robot, heading, goal)
 
 
 class MapPolicyGraph(nn.Module):
@@ -84,16 +112,16 @@ class Graph:
 
 
 def graphs(preset: Preset) -> dict[str, Graph]:
-    """Return the graphs of a preset's networks, with random weights, by kind."""
+    """Return the graphs of a preset's networks, with random weights, by kind; ``encoder`` is a part of the policy."""
     spec = preset.observation
     exo2ego = Denoiser(preset.exo2ego, spec)
-    found = {"policy": _policy_graph(preset), "exo2ego": Graph(exo2ego, _exo2ego_inputs(preset), ("clean",), True)}
+    found = {**_policy_graphs(preset), "exo2ego": Graph(exo2ego, _exo2ego_inputs(preset), ("clean",), True)}
     if preset.depth is not None:
         found["depth"] = Graph(DepthNet(preset.depth), {"image": (3, *spec.disparity_hw)}, ("disparity",), False)
     return found
 
 
-def _policy_graph(preset: Preset) -> Graph:
+def _policy_graphs(preset: Preset) -> dict[str, Graph]:
     network, spec = policy_network(preset), preset.observation
     if isinstance(network, MapPolicy):
         side = WindowSpec().side
@@ -103,11 +131,16 @@ def _policy_graph(preset: Preset) -> Graph:
             "goal": (2,),
             "ego": (1, spec.ego_px, spec.ego_px),
         }
-        return Graph(MapPolicyGraph(network), seen, ("occupied",), True)
+        return {"policy": Graph(MapPolicyGraph(network), seen, ("occupied",), True)}
     assert isinstance(network, ActPolicy)
+    poses = {"robot": (2,), "heading": (2,), "goal": (2,)}
+    if network.encodes_alone:
+        encoder = Graph(EncoderGraph(network), {"images": (1, *spec.exo_hw)}, ("features",), True)
+        features = (spec.history, *network.exo.get_buffer("grid").shape)
+        rest = Graph(FeaturePolicyGraph(network), {"exo": features, "ego": features, **poses}, ("waypoints",), True)
+        return {ENCODER: encoder, "policy": rest}
     exo, ego = (spec.history, 1, *spec.exo_hw), (spec.history, 1, spec.ego_px, spec.ego_px)
-    seen = {"exo": exo, "ego": ego, "robot": (2,), "heading": (2,), "goal": (2,)}
-    return Graph(PolicyGraph(network), seen, ("waypoints",), True)
+    return {"policy": Graph(PolicyGraph(network), {"exo": exo, "ego": ego, **poses}, ("waypoints",), True)}
 
 
 def _exo2ego_inputs(preset: Preset) -> dict[str, tuple[int, ...]]:
@@ -190,6 +223,7 @@ def export_bundle(
     out: Path,
     *,
     base: Path | None = None,
+    random_weights: bool = False,
     reports: Sequence[Path] = (),
 ) -> dict[str, float]:
     """Write a bundle and load it as the server does.
@@ -198,7 +232,9 @@ def export_bundle(
         preset: What the checkpoints were trained with.
         checkpoints: File by kind: ``policy``, ``exo2ego``, ``depth``.
         out: The bundle's folder; an earlier bundle there is replaced.
-        base: A bundle that gives the networks that have no checkpoint here, as they are.
+        base: A bundle that gives the networks that have no checkpoint here, as they are. A preset without a depth
+            network takes the size of that one's disparity, too.
+        random_weights: The preset's networks that have neither get random weights: good for measuring speed.
         reports: ``report.json`` files of benchmarks of this bundle, for the manifest.
 
     Returns:
@@ -210,22 +246,23 @@ def export_bundle(
         ContractError: ONNX and PyTorch differ.
     """
     parts = graphs(preset)
-    missing, needless = sorted(set(parts) - set(checkpoints)), sorted(set(checkpoints) - set(parts))
-    if needless or (missing and base is None):
-        raise ConfigError(
-            f"preset {preset.name!r} has the networks {', '.join(parts)}: "
-            + (f"none for {', '.join(needless)}" if needless else f"no checkpoint or base for {', '.join(missing)}")
-        )
+    kept = _kept_parts(preset, set(checkpoints), base, random_weights=random_weights)
+    if "depth" not in parts:
+        preset = _with_depth_of(preset, kept["depth"])
     loaded = {kind: _load_weights(parts[kind], path, kind, preset) for kind, path in checkpoints.items()}
-    kept = {} if base is None else {kind: kept_part(base, kind, preset) for kind in missing}
+    drawn = [kind for kind in _KINDS if kind not in loaded and kind not in kept]
+    loaded |= {kind: _random_weights(parts[kind], kind, preset) for kind in drawn}
     benchmark = [row for report in reports for row in _read_rows(report)]
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out.parent) as scratch:
         folder = Path(scratch) / "bundle"
         folder.mkdir()
-        differences = {kind: export_onnx(parts[kind], folder / f"{kind}.onnx") for kind in loaded}
+        written = [kind for kind in parts if kind in loaded or (kind == ENCODER and "policy" in loaded)]
+        differences = {kind: export_onnx(parts[kind], folder / f"{kind}.onnx") for kind in written}
         for kind, part in kept.items():
             shutil.copyfile(part.path, folder / f"{kind}.onnx")
+            if part.encoder is not None:
+                shutil.copyfile(part.encoder, folder / f"{ENCODER}.onnx")
         manifest = bundle_manifest(preset, loaded, kept, folder, benchmark)
         (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
         load_bundle(folder)
@@ -235,10 +272,45 @@ def export_bundle(
     return differences
 
 
+def _kept_parts(preset: Preset, given: set[str], base: Path | None, *, random_weights: bool) -> dict[str, KeptPart]:
+    """Return what is taken over from the base, by kind."""
+    kinds = [kind for kind in _KINDS if kind != "depth" or preset.depth is not None]
+    missing = [kind for kind in _KINDS if kind not in given]
+    has = f"preset {preset.name!r} has the networks {', '.join(kinds)}"
+    if needless := sorted(given - set(kinds)):
+        raise ConfigError(f"{has}: none for {', '.join(needless)}")
+    if random_weights:  # in the place of all but the depth network that the preset does not have
+        missing, base = [kind for kind in missing if kind not in kinds], base or default_bundle_path()
+    if missing and base is None:
+        raise ConfigError(f"{has}: no checkpoint or base for {', '.join(sorted(missing))}")
+    return {kind: kept_part(base, kind, preset) for kind in missing if base is not None}
+
+
+def _with_depth_of(preset: Preset, kept: KeptPart) -> Preset:
+    """Return the preset with a depth network that it did not have: what it sees has that one's size."""
+    observation = replace(preset.observation, disparity_hw=kept.disparity_hw)
+    return replace(preset, depth=kept.depth, observation=observation)
+
+
+def _random_weights(graph: Graph, kind: str, preset: Preset) -> Checkpoint:
+    """Draw the layers that training begins at zero, too: with zeros in them networks would not see their input."""
+    network = _inner(graph)
+    for parameter in network.parameters():
+        if not parameter.any():
+            nn.init.normal_(parameter, std=_RANDOM_STD)
+    record = {"weights": "random", "validation": {}}
+    return Checkpoint(kind, preset.name, 0, 0, torch.initial_seed(), {}, network.state_dict(), {}, record)
+
+
+def _inner(graph: Graph) -> nn.Module:
+    """Return the network that training knows."""
+    network = graph.network
+    return network.policy if isinstance(network, PolicyGraph | FeaturePolicyGraph | MapPolicyGraph) else network
+
+
 def _load_weights(graph: Graph, path: Path, kind: str, preset: Preset) -> Checkpoint:
     checkpoint = load_trained(path, kind, preset.name)
-    network = graph.network
-    fill(network.policy if isinstance(network, PolicyGraph | MapPolicyGraph) else network, checkpoint, path)
+    fill(_inner(graph), checkpoint, path)
     return checkpoint
 
 

@@ -202,12 +202,35 @@ def load_preset(name_or_path: str) -> Preset:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise FileError(f"{path}: not YAML: {error}") from error
-    preset: Preset = _build(Preset, content, str(path))
+    return preset_from(content, str(path))
+
+
+def preset_from(content: Any, where: str) -> Preset:
+    """Build a preset from parsed YAML or JSON.
+
+    Args:
+        content: As parsed.
+        where: Where it stands, for errors.
+
+    Raises:
+        FileError: A key is unknown, missing or of the wrong type, or two do not fit together.
+    """
+    preset: Preset = _build(Preset, content, where)
     if (preset.policy is None) == (preset.map_policy is None):
-        raise FileError(f"{path}: expected a policy or a map_policy, the other null")
+        raise FileError(f"{where}: expected a policy or a map_policy, the other null")
     if preset.exo2ego.prior and preset.map_policy is None:
-        raise FileError(f"{path}: exo2ego: prior: needs a map_policy: only a map can be reprojected")
+        raise FileError(f"{where}: exo2ego: prior: needs a map_policy: only a map can be reprojected")
     return preset
+
+
+def depth_config_from(content: Any, where: str) -> DepthConfig | None:
+    """Build the part of a preset that describes its depth network; None where that is null.
+
+    Raises:
+        FileError: A key is unknown, missing or of the wrong type.
+    """
+    config: DepthConfig | None = _build(DepthConfig | None, content, where)
+    return config
 
 
 def _build(kind: Any, value: Any, where: str) -> Any:

@@ -8,6 +8,7 @@ Source: Zhao et al., 2023, arXiv:2304.13705.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -51,12 +52,13 @@ class ViewEncoder(nn.Module):
         rows, columns = (-(-side // stride) for side in image_hw)
         self.register_buffer("grid", sine_position_2d(rows, columns, width), persistent=False)
 
-    def forward(self, images: Tensor) -> Tensor:
-        """Encode (B, N, c, h, w) into (B, N · tokens, d)."""
-        frames = images.shape[1]
-        features = self.project(self.trunk(images.flatten(0, 1)))  # (B N, d, h', w')
-        tokens = features.flatten(2).transpose(1, 2).unflatten(0, (-1, frames))  # (B, N, tokens, d)
-        return (tokens + self.frame_embedding).flatten(1, 2)
+    def features(self, images: Tensor) -> Tensor:
+        """Encode images (K, c, h, w), each by itself, into (K, tokens, d)."""
+        return self.project(self.trunk(images)).flatten(2).transpose(1, 2)
+
+    def tokens(self, features: Tensor) -> Tensor:
+        """Mark the features (B, N, tokens, d) of a history with their frames: (B, N · tokens, d)."""
+        return (features + self.frame_embedding).flatten(1, 2)
 
     def positions(self) -> Tensor:
         """Return the positions (N · tokens, d) of the tokens."""
@@ -135,16 +137,42 @@ class ActPolicy(nn.Module):
             actions: (B, H, 2) target waypoints, metres; given in training, when z is sampled from the CVAE
                 encoder; without them z is the prior's mean.
         """
-        mean = logvar = None
-        z = robot.new_zeros(robot.shape[0], self.config.latent)
+        mean = logvar = z = None
         if actions is not None:
             mean, logvar = self.latent_encoder(robot, actions)
             z = mean + torch.exp(logvar / 2.0) * torch.randn_like(mean)
-        memory, position = self._encode(exo, ego, self._state_tokens(z, robot, heading, goal), robot, heading, goal)
+        if self.config.robot_aligned:
+            exo = paint(exo, robot, heading, goal)
+        exo = _each(self.exo.features, exo)  # (B, N, tokens, d)
+        ego = _each(self.ego.features, _each(self._enlarged, ego))
+        return PolicyOutput(self.decide(exo, ego, robot, heading, goal, z), mean, logvar)
+
+    @property
+    def encodes_alone(self) -> bool:
+        """Whether an image's features depend on that image alone, and one encoder makes those of both views."""
+        config, side = self.config, self.config.ego_px
+        return not config.robot_aligned and config.ego_backbone is None and self.spec.exo_hw == (side, side)
+
+    def decide(
+        self, exo: Tensor, ego: Tensor, robot: Tensor, heading: Tensor, goal: Tensor, z: Tensor | None = None
+    ) -> Tensor:
+        """Return waypoints (B, H, 2) from what :meth:`ViewEncoder.features` made of the images.
+
+        Args:
+            exo: (B, N, tokens, d).
+            ego: (B, N, tokens, d).
+            robot: As of :meth:`forward`, like ``heading`` and ``goal``.
+            heading: See there.
+            goal: See there.
+            z: (B, latent); None for the prior's mean.
+        """
+        if z is None:
+            z = robot.new_zeros(robot.shape[0], self.config.latent)
+        memory, position = self._fuse(exo, ego, self._state_tokens(z, robot, heading, goal))
         x = torch.zeros_like(self.queries).expand(robot.shape[0], -1, -1)
         for layer in self.decoder:
             x = layer(x, self.queries, memory, position)
-        return PolicyOutput(self.out(self.out_norm(x)), mean, logvar)
+        return self.out(self.out_norm(x))
 
     def _state_tokens(self, z: Tensor, robot: Tensor, heading: Tensor, goal: Tensor) -> Tensor:
         """Return the tokens (B, 4, d) of z, robot, heading and goal."""
@@ -152,22 +180,24 @@ class ActPolicy(nn.Module):
         tokens = [self.latent(z), self.robot(robot), self.heading(heading), self.goal(goal_features)]
         return torch.stack(tokens, dim=1)
 
-    def _encode(
-        self, exo: Tensor, ego: Tensor, state: Tensor, robot: Tensor, heading: Tensor, goal: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """Fuse images and state tokens into the memory (B, L, d); return it with its positions (L, d)."""
-        if self.config.robot_aligned:
-            exo = paint(exo, robot, heading, goal)
+    def _enlarged(self, ego: Tensor) -> Tensor:
         side = self.config.ego_px
-        if ego.shape[-1] != side:
-            frames = ego.shape[1]
-            enlarged = functional.interpolate(ego.flatten(0, 1), (side, side), mode="bilinear", align_corners=False)
-            ego = enlarged.unflatten(0, (-1, frames))
-        memory = torch.cat([state, self.exo(exo), self.ego(ego)], dim=1)
+        if ego.shape[-1] == side:
+            return ego
+        return functional.interpolate(ego, (side, side), mode="bilinear", align_corners=False)
+
+    def _fuse(self, exo: Tensor, ego: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+        """Fuse features and state tokens into the memory (B, L, d); return it with its positions (L, d)."""
+        memory = torch.cat([state, self.exo.tokens(exo), self.ego.tokens(ego)], dim=1)
         position = torch.cat([self.state_position, self.exo.positions(), self.ego.positions()])
         for layer in self.encoder:
             memory = layer(memory, position)
         return self.memory_norm(memory), position
+
+
+def _each(change: Callable[[Tensor], Tensor], histories: Tensor) -> Tensor:
+    """Apply a function of images (K, …) to the images of histories (B, N, …)."""
+    return change(histories.flatten(0, 1)).unflatten(0, (-1, histories.shape[1]))
 
 
 def policy_loss(output: PolicyOutput, target: Tensor, *, kl_weight: float) -> dict[str, Tensor]:
