@@ -39,7 +39,7 @@ from revnm_server.ports import Senses
 from revnm_server.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
 from revnm_server.settings import HttpSettings, PerceptionSettings, Settings
-from revnm_server.tag import TagDetector
+from revnm_server.tag import TagDetector, TagLibrary, open_tag_library
 
 logger = logging.getLogger(__name__)
 
@@ -73,18 +73,25 @@ def load_models(settings: PerceptionSettings) -> Bundle | DepthBundle:
     return load_bundle(folder, threads=settings.threads)
 
 
-def build_pipeline(bundle: Bundle, settings: PerceptionSettings, robots: Mapping[str, int]) -> Pipeline:
+def build_pipeline(
+    bundle: Bundle,
+    settings: PerceptionSettings,
+    robots: Mapping[str, int],
+    *,
+    tag_library: TagLibrary | None = None,
+) -> Pipeline:
     """Return the paper's pipeline.
 
     Args:
         bundle: The models.
         settings: How to run them.
         robots: Tag id of each robot.
+        tag_library: Finds the tags, if the one that ``settings`` name is open already.
     """
     return Pipeline(
         bundle.spec,
         depth=OnnxDepth(bundle),
-        tags=_tag_detector(robots),
+        tags=_tag_detector(settings, robots, tag_library),
         exo2ego=OnnxExo2Ego(bundle),
         planner=OnnxPolicy(bundle),
         max_sighting_age_s=settings.max_sighting_age_s,
@@ -98,6 +105,7 @@ def build_map_pipeline(
     senses: Mapping[str, Senses],
     *,
     camera: str,
+    tag_library: TagLibrary | None = None,
 ) -> MapPipeline:
     """Return the pipeline that plans on the map.
 
@@ -107,6 +115,7 @@ def build_map_pipeline(
         robots: Tag id of each robot.
         senses: What each robot measures itself.
         camera: Name of the camera, under which its calibration is kept.
+        tag_library: Finds the tags, if the one that ``settings`` name is open already.
     """
     folder = settings.calibration_dir
     mount = TagMount(settings.tag_size_m, settings.tag_height_m)
@@ -117,7 +126,7 @@ def build_map_pipeline(
     return MapPipeline(
         depth=OnnxDepth(bundle),
         disparity_hw=bundle.spec.disparity_hw,
-        tags=_tag_detector(robots),
+        tags=_tag_detector(settings, robots, tag_library),
         senses=senses,
         shape=RobotShape(mount, settings.robot_length_m, settings.robot_width_m),
         beliefs=beliefs,
@@ -141,7 +150,8 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         # The matrices are small: handing half of one to a thread that waits for its core costs more than all of it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         models = load_models(settings.perception)
-        notes = _notes(models, settings.perception)
+        tags = open_tag_library(settings.perception.tag_library)
+        notes = _notes(models, settings.perception) + ([tags.note] if tags.note else [])
         mission = Mission(settings.robots, state_file=settings.state_file)
         listener = stack.enter_context(_listen(settings.http))
         session = stack.enter_context(open_router(settings.zenoh.listen))
@@ -150,7 +160,7 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         service = NavigationService(
             session,
             camera=camera,
-            pipeline=_pipeline(models, settings, session, stack),
+            pipeline=_pipeline(models, settings, tags.library, session, stack),
             mission=mission,
             tick_hz=settings.perception.tick_hz,
             tag_size_m=settings.perception.tag_size_m,
@@ -174,20 +184,25 @@ def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[s
 
 
 def _pipeline(
-    models: Bundle | DepthBundle, settings: Settings, session: zenoh.Session, stack: ExitStack
+    models: Bundle | DepthBundle, settings: Settings, tags: TagLibrary, session: zenoh.Session, stack: ExitStack
 ) -> Pipeline | MapPipeline:
     if isinstance(models, Bundle) and models.sees == "picture":
-        return build_pipeline(models, settings.perception, settings.robots)
+        return build_pipeline(models, settings.perception, settings.robots, tag_library=tags)
     senses = {robot: RobotSenses(session, robot) for robot in settings.robots}
     for each in senses.values():
         stack.callback(each.close)
-    pipeline = build_map_pipeline(models, settings.perception, settings.robots, senses, camera=settings.camera.name)
+    pipeline = build_map_pipeline(
+        models, settings.perception, settings.robots, senses, camera=settings.camera.name, tag_library=tags
+    )
     stack.callback(pipeline.close)
     return pipeline
 
 
-def _tag_detector(robots: Mapping[str, int]) -> TagDetector:
-    return TagDetector({tag: robot for robot, tag in robots.items()})
+def _tag_detector(settings: PerceptionSettings, robots: Mapping[str, int], library: TagLibrary | None) -> TagDetector:
+    return TagDetector(
+        {tag: robot for robot, tag in robots.items()},
+        library=library or open_tag_library(settings.tag_library).library,
+    )
 
 
 def _listen(settings: HttpSettings) -> socket.socket:
