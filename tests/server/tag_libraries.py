@@ -6,7 +6,6 @@ from revnm_server.frame import Frame, RobotSighting
 from revnm_server.tag import TagDetector, open_tag_library
 from revnm_server.tag.choice import LibraryName
 
-LIBRARIES: list[LibraryName] = ["apriltag", "opencv"]
 CYCLE = 18  # searches until every part of a picture was looked at in every way
 
 

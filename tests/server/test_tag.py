@@ -12,9 +12,9 @@ from revnm_client.errors import ContractError
 from revnm_client.geometry import FloatArray
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.tag import TagDetector
-from revnm_server.tag.choice import LibraryName
+from revnm_server.tag.choice import LIBRARIES, LibraryName
 
-from .tag_libraries import CYCLE, LIBRARIES, detector_with, first_sighting
+from .tag_libraries import CYCLE, detector_with, first_sighting
 from .tag_scene import blur_and_noise, draw_tag, floor, frame_of, picture_from_tag, project
 
 ROVER, SCOUT = 3, 7

@@ -9,12 +9,12 @@ import pytest
 
 from revnm_server.frame import Frame
 from revnm_server.tag import TagDetector, TagLibrary, open_tag_library
-from revnm_server.tag.choice import LibraryName
+from revnm_server.tag.choice import LIBRARIES, LibraryName
 from revnm_server.tag.family import TAGS
 from revnm_server.tag.library import Region, whole_picture
 from revnm_server.tag.regions import region_around, search_region
 
-from .tag_libraries import CYCLE, LIBRARIES, detector_with, first_sighting
+from .tag_libraries import CYCLE, detector_with, first_sighting
 from .tag_scene import draw_tag, floor, frame_of, picture_from_tag, project
 
 ROVER = 3

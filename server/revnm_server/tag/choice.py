@@ -11,7 +11,8 @@ from revnm_server.tag.opencv import OpenCvLibrary
 
 logger = logging.getLogger(__name__)
 
-LibraryName = Literal["auto", "apriltag", "opencv"]
+LibraryName = Literal["apriltag", "opencv"]
+LIBRARIES: tuple[LibraryName, ...] = ("apriltag", "opencv")
 
 
 class OpenedLibrary(NamedTuple):
@@ -21,7 +22,7 @@ class OpenedLibrary(NamedTuple):
     note: str | None
 
 
-def open_tag_library(name: LibraryName) -> OpenedLibrary:
+def open_tag_library(name: LibraryName | Literal["auto"]) -> OpenedLibrary:
     """Return a tag library of the caller's own.
 
     ``auto`` takes OpenCV where the AprilTag library does not load, logs why and returns it as a note.

@@ -14,7 +14,8 @@ _SMALL_TAG_PX = 24.0
 _TINY_TAG_PX = 16.0
 _LARGE_TAG_PX = 80.0  # what is larger is looked for at half resolution; its edges are refined at full
 _REGION_SIDES = 2.0  # half the region's side, in sides of the tag, which moves 0.2 a picture at 0.5 m/s
-_SMALLEST_REGION_PX = 40.0  # half the region's side at least
+_SMALLEST_REGION_PX = 32.0  # half the region's side at least
+SEARCHES = ("half", "full", "strip")  # how the three kinds of search look, in their turn
 _STRIPS = 6  # of the picture, each as much work enlarged twice as all of it at full resolution
 _OVERLAP_PX = 48  # of two strips: a tag that needs them, with its white rim, at any angle
 
@@ -45,7 +46,7 @@ def search_region(gray: Gray, number: int) -> Region:
     clutter at 1920 × 1080, the first takes about 22 ms and needs 24 px (40 px where tilt halves the height), the second
     86 ms and 16 px to 20 px, and a strip is no more work than the second and needs 14 px to 16 px.
     """
-    kind, turn = number % 3, number // 3
+    turn, kind = divmod(number, len(SEARCHES))
     if kind < 2:
         return whole_picture(gray, decimation=(2.0, 1.0)[kind])
     height, width = gray.shape
