@@ -11,6 +11,7 @@ from revnm_client.errors import RevnmError
 
 _HELP = {
     "serve": "watch a camera and drive the robots in its picture",
+    "tag": "make a PDF of tags to print and cut out",
 }
 
 

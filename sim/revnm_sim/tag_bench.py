@@ -1,7 +1,7 @@
 """Measures how small a tag the server's libraries find, how exactly, how fast, and what they take for a tag.
 
-Pictures are 320 × 240, where nothing else is said: libraries look at surroundings only, so that larger ones show no
-more. Times are of the processor and one thread, so that what else a machine does hardly moves them.
+Pictures are small, where nothing else is said: libraries look at a tag's surroundings only, so that larger ones would
+show no more. Times are of the processor and one thread, so that what else a machine does hardly moves them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ SIZES_PX = ((640, 480), (1920, 1080))
 _FOLLOWED_PX = (14, 20, 40, 120)  # sides of tags
 
 _TAG_ID = 3
-_SMALL_PX = (320, 240)
+_AROUND_TAG_PX = (208, 160)  # pictures with a tag
+_TAG_FREE_PX = (320, 240)
 _STEP_SIDES = 0.2  # how far a tag moves from picture to picture, at most, in its sides
 _NEAR_PX = 3.0  # a detection farther off has found something else
 _WORLDS_EVERY = 20  # drawing one takes ten times as long as any other picture
@@ -66,7 +67,7 @@ def detection_rows(
         found: dict[tuple[str, str], _Found] = defaultdict(_Found)
         rng = np.random.default_rng([seed, side_px, sorted(DIFFICULTIES).index(level)])
         for _ in range(trials):
-            scene = tag_scene(tag, side_px=side_px, size_px=_SMALL_PX, difficulty=difficulty, rng=rng)
+            scene = tag_scene(tag, side_px=side_px, size_px=_AROUND_TAG_PX, difficulty=difficulty, rng=rng)
             _look(libraries, scene, difficulty, rng, found)
         for (library, mode), each in found.items():
             yield _detection_row(level, side_px, library, mode, each)
@@ -180,7 +181,7 @@ def wrong_id_rows(libraries: Sequence[TagLibrary], *, pictures: int, seed: int) 
     for number in tqdm(range(pictures), desc="tag-free", unit=" pictures"):
         kind = "worlds" if number % _WORLDS_EVERY == 0 else kinds[number % len(kinds)]
         difficulty = list(DIFFICULTIES.values())[number % len(DIFFICULTIES)]
-        gray = taken(TAG_FREE[kind](rng, _SMALL_PX).astype(np.float32), difficulty, rng)
+        gray = taken(TAG_FREE[kind](rng, _TAG_FREE_PX).astype(np.float32), difficulty, rng)
         counts[kind] += 1
         for library in libraries:
             for region in (whole_picture(gray, decimation=1.0), _enlarged(gray)):
