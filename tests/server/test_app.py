@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -86,3 +87,14 @@ def test_an_altered_policy_is_no_reason_to_fall_back(tiny_bundle: Path) -> None:
     (tiny_bundle / "policy.onnx").write_bytes(b"altered")
     with pytest.raises(FileError, match=r"policy\.onnx: altered"), states(tiny_bundle):
         pass
+
+
+def test_a_server_without_the_april_tag_library_runs_on_opencv_and_says_so(
+    tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyapriltags", None)
+    monkeypatch.delitem(sys.modules, "revnm_server.tag.apriltag", raising=False)
+    with states(tiny_bundle) as state:
+        shown = eventually(state)
+    assert "the AprilTag library does not load" in shown["warnings"][0]
+    assert "the AprilTag library does not load" in caplog.text

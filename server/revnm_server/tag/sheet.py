@@ -107,7 +107,7 @@ def _draw(canvas: Canvas, sheet: Sheet) -> None:
     _draw_front(canvas, width / 2, top)
     _draw_cells(canvas, sheet, left, top - rim)
     _draw_cut_marks(canvas, left, bottom, left + rim, top)
-    label = f"{FAMILY}  id {sheet.tag_id}  {sheet.size_mm:g} mm   ^ front"
+    label = f"{FAMILY}  id {sheet.tag_id}  {sheet.size_mm:g} mm   rear"
     font_mm = min(3.2, 1.6 * rim / len(label))
     canvas.setFont("Helvetica", font_mm)
     canvas.drawCentredString(width / 2, bottom + 0.5 * (_STRIP_MM - font_mm), label)
@@ -161,7 +161,7 @@ def _draw_notes(canvas: Canvas, sheet: Sheet, left: float, top: float) -> None:
     canvas.setFont("Helvetica", 3.4)
     size_m = f"{sheet.size_mm / 1e3:g}"
     lines = (
-        f"The size is that of the black square, from edge to edge: {sheet.size_mm:g} mm. The white rim belongs to the tag.",
+        f"The size is that of the black square, from edge to edge: {sheet.size_mm:g} mm. The white rim is part of it.",
         "Print at 100 %, not fitted to the page. Cut at the marks. Matt paper, flat on a stiff plate.",
         f"Settings:  robots: {{rover: {sheet.tag_id}}}     perception: {{tag_size_m: {size_m}}}",
     )
