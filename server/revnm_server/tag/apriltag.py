@@ -28,8 +28,9 @@ class AprilTagLibrary:
     name = "apriltag"
 
     def __init__(self) -> None:
-        self._detector: Any = pyapriltags.Detector(families=FAMILY, nthreads=1, quad_decimate=1.0)
-        self._options = self._detector.tag_detector_ptr.contents
+        detector: Any = pyapriltags.Detector(families=FAMILY, nthreads=1, quad_decimate=1.0)
+        self._detector = detector
+        self._options = detector.tag_detector_ptr.contents
         self._options.decode_sharpening = _SHARPENING
 
     def detect(self, region: Region) -> list[Detection]:

@@ -47,8 +47,8 @@ def refined_corners(gray: Gray, corners: FloatArray, *, reach_px: float) -> Floa
 
 def _levels(gray: Gray, places: FloatArray) -> FloatArray:
     """Return the gray levels (4, P, S) at places (4, P, S, 2)."""
-    flat = places.reshape(4, -1, 2).astype(np.float32)
-    levels = cv2.remap(gray, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    columns, rows = (places[..., axis].reshape(4, -1).astype(np.float32) for axis in range(2))
+    levels = cv2.remap(gray, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(levels, dtype=np.float64).reshape(places.shape[:3])
 
 

@@ -59,9 +59,10 @@ class OpenCvLibrary:
         return [each for each in detections if each.margin >= _LEAST_MARGIN]
 
     def _detection(self, region: Region, gray: Gray, tag_id: int, corners: NDArray[np.float32]) -> Detection:
-        rough = np.roll(corners.reshape(4, 2), -self._first_corner, axis=0) - 0.5
+        rough = np.roll(corners.reshape(4, 2).astype(np.float64), -self._first_corner, axis=0) - 0.5
         from_front_left = refined_corners(gray, rough, reach_px=region.decimation + 1.0) + 0.5
-        homography = np.asarray(cv2.getPerspectiveTransform(_SQUARE, from_front_left.astype(np.float32)))
+        matrix = cv2.getPerspectiveTransform(_SQUARE, from_front_left.astype(np.float32))
+        homography = np.asarray(matrix, dtype=np.float64)
         return detection_in_picture(
             region,
             tag_id=tag_id,
