@@ -16,7 +16,7 @@ class PerceptionSettings(Section):
     ``planner`` is ``revnm``, the bundle's policy, or ``bev``, a search on the map that the camera's own calibration
     makes; that one needs ``tag_height_m``, the height of the tags over the floor, and the body of a robot, the
     tag in its middle. ``calibration_dir`` keeps what it learnt over a restart. ``tag_library`` is what finds the tags:
-    ``apriltag``, ``opencv``, which needs larger ones, or ``auto``, the former where it loads.
+    ``apriltag``, ``opencv``, which takes three times as long, or ``auto``, the former where it loads.
     """
 
     planner: Literal["revnm", "bev"] = "revnm"

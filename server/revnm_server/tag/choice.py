@@ -40,6 +40,6 @@ def open_tag_library(name: LibraryName | Literal["auto"]) -> OpenedLibrary:
         reason = f"the AprilTag library does not load ({error})"
     if name == "apriltag":
         raise ConfigError(f"perception.tag_library apriltag: {reason}: install pyapriltags, or set auto or opencv")
-    note = f"{reason}: tags are found by OpenCV, which needs larger ones"
+    note = f"{reason}: tags are found by OpenCV, which takes three times as long"
     logger.warning(note)
     return OpenedLibrary(OpenCvLibrary(), note)
