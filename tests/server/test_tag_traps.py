@@ -110,6 +110,17 @@ def test_a_damaged_or_faint_tag_is_no_robot(name: LibraryName, damage_px: int) -
         assert [detector.sightings(frame_of(gray)) for _ in range(3)] == [[], [], []]
 
 
+@pytest.mark.parametrize("wrong_cells", [1, 2, 3])
+def test_so_many_wrong_cells_are_corrected_and_no_more(name: LibraryName, wrong_cells: int) -> None:
+    # The AprilTag library reads small tags well enough to need no correction; OpenCV does not.
+    damaged = draw_tag(PLAIN, ROVER, picture_from_tag(centre=(159.5, 119.5), side_px=64, turn_rad=0.0))
+    for column in range(wrong_cells):  # cells of 8 px, from the middle to the right
+        cell = (slice(120, 128), slice(160 + 8 * column, 168 + 8 * column))
+        damaged[cell] = 255 - damaged[cell]
+    found = open_tag_library(name).library.detect(whole_picture(damaged, decimation=1.0))
+    assert len(found) == (wrong_cells <= {"apriltag": 0, "opencv": 2}[name])
+
+
 def test_detectors_of_several_cameras_work_side_by_side_and_one_after_the_other(name: LibraryName) -> None:
     # Each in a thread of its own, and each dropped while others work: detectors crashed when destroyed.
     homography = picture_from_tag(centre=(160, 120), side_px=30, turn_rad=0.0)
