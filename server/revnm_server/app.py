@@ -44,7 +44,7 @@ from revnm_server.restarts import RestartingPipeline
 from revnm_server.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
 from revnm_server.settings import DepthSettings, HttpSettings, PerceptionSettings, Settings
-from revnm_server.tag import TagDetector
+from revnm_server.tag import TagDetector, TagLibrary, open_tag_library
 
 logger = logging.getLogger(__name__)
 
@@ -88,18 +88,25 @@ def load_models(settings: PerceptionSettings, depth: DepthSettings) -> Bundle | 
     return replace(bundle, depth=load_depth_network(depth, threads=threads, provider=provider))
 
 
-def build_pipeline(bundle: Bundle, settings: PerceptionSettings, robots: Mapping[str, int]) -> Pipeline:
+def build_pipeline(
+    bundle: Bundle,
+    settings: PerceptionSettings,
+    robots: Mapping[str, int],
+    *,
+    tag_library: TagLibrary | None = None,
+) -> Pipeline:
     """Return the paper's pipeline.
 
     Args:
         bundle: The models.
         settings: How to run them.
         robots: Tag id of each robot.
+        tag_library: Finds the tags, if the one that ``settings`` name is open already.
     """
     return Pipeline(
         bundle.spec,
         depth=OnnxDepth(bundle),
-        tags=_tag_detector(robots),
+        tags=_tag_detector(settings, robots, tag_library),
         exo2ego=OnnxExo2Ego(bundle),
         planner=OnnxPolicy(bundle),
         max_sighting_age_s=settings.max_sighting_age_s,
@@ -113,6 +120,7 @@ def build_map_pipeline(
     senses: Mapping[str, Senses],
     *,
     camera: str,
+    tag_library: TagLibrary | None = None,
 ) -> MapPipeline:
     """Return the pipeline that plans on the map.
 
@@ -122,6 +130,7 @@ def build_map_pipeline(
         robots: Tag id of each robot.
         senses: What each robot measures itself.
         camera: Name of the camera, under which its calibration is kept.
+        tag_library: Finds the tags, if the one that ``settings`` name is open already.
     """
     folder = settings.calibration_dir
     mount = TagMount(settings.tag_size_m, settings.tag_height_m)
@@ -132,7 +141,7 @@ def build_map_pipeline(
     return MapPipeline(
         depth=OnnxDepth(bundle),
         disparity_hw=bundle.spec.disparity_hw,
-        tags=_tag_detector(robots),
+        tags=_tag_detector(settings, robots, tag_library),
         senses=senses,
         shape=RobotShape(mount, settings.robot_length_m, settings.robot_width_m),
         beliefs=beliefs,
@@ -156,7 +165,8 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         # The matrices are small: handing half of one to a thread that waits for its core costs more than all of it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         models = load_models(settings.perception, settings.depth)
-        notes = _notes(models, settings.perception)
+        tags = open_tag_library(settings.perception.tag_library)
+        notes = _notes(models, settings.perception) + ([tags.note] if tags.note else [])
         mission = Mission(settings.robots, state_file=settings.state_file)
         listener = stack.enter_context(_listen(settings.http))
         session = stack.enter_context(open_router(settings.zenoh.listen))
@@ -176,7 +186,7 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         service = NavigationService(
             session,
             camera=camera,
-            pipeline=_pipeline(models, settings, session, heard, stack),
+            pipeline=_pipeline(models, settings, tags.library, session, heard, stack),
             mission=mission,
             tick_hz=settings.perception.tick_hz,
             tag_size_m=settings.perception.tag_size_m,
@@ -204,19 +214,25 @@ def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[s
 
 
 def _pipeline(
-    models: Bundle | DepthBundle, settings: Settings, session: zenoh.Session, heard: HeardLog, stack: ExitStack
+    models: Bundle | DepthBundle,
+    settings: Settings,
+    tags: TagLibrary,
+    session: zenoh.Session,
+    heard: HeardLog,
+    stack: ExitStack,
 ) -> RestartingPipeline:
     own = {robot: RobotSenses(session, robot) for robot in settings.robots if _plans_on_map(models)}
     for each in own.values():
         stack.callback(each.close)
     senses = {robot: heard.along(robot, each) for robot, each in own.items()}
     loaded = [models]  # later ones are read again from their files
+    perception, robots, camera = settings.perception, settings.robots, settings.camera.name
 
     def build() -> Pipeline | MapPipeline:
-        models = loaded.pop() if loaded else load_models(settings.perception, settings.depth)
+        models = loaded.pop() if loaded else load_models(perception, settings.depth)
         if isinstance(models, Bundle) and not _plans_on_map(models):
-            return build_pipeline(models, settings.perception, settings.robots)
-        return build_map_pipeline(models, settings.perception, settings.robots, senses, camera=settings.camera.name)
+            return build_pipeline(models, perception, robots, tag_library=tags)
+        return build_map_pipeline(models, perception, robots, senses, camera=camera, tag_library=tags)
 
     pipeline = RestartingPipeline(build)
     stack.callback(pipeline.close)
@@ -227,8 +243,11 @@ def _plans_on_map(models: Bundle | DepthBundle) -> bool:
     return isinstance(models, DepthBundle) or models.sees == "map"
 
 
-def _tag_detector(robots: Mapping[str, int]) -> TagDetector:
-    return TagDetector({tag: robot for robot, tag in robots.items()})
+def _tag_detector(settings: PerceptionSettings, robots: Mapping[str, int], library: TagLibrary | None) -> TagDetector:
+    return TagDetector(
+        {tag: robot for robot, tag in robots.items()},
+        library=library or open_tag_library(settings.tag_library).library,
+    )
 
 
 def _listen(settings: HttpSettings) -> socket.socket:

@@ -59,6 +59,12 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
         raycast_command.add_arguments(raycast)
         raycast.set_defaults(run=raycast_command.run)
+    tags = commands.add_parser("tags", help="measure how small a tag is found, how exactly, and what is taken for one")
+    if words[:1] == ["tags"]:
+        from revnm_sim import tag_command
+
+        tag_command.add_arguments(tags)
+        tags.set_defaults(run=tag_command.run)
     calibration = commands.add_parser("calibration", help="measure how well a camera calibrates itself")
     if words[:1] == ["calibration"]:
         from revnm_sim import calibration_command

@@ -1,7 +1,7 @@
 """The AprilTag on the robot's back, as a texture and warped into a picture.
 
-Imports numpy and OpenCV only. Why the tag is not a texture of PyBullet's software renderer: that samples the
-nearest texel without smoothing, so a tag of 20 px would be noise.
+Why the tag is not a texture of PyBullet's software renderer: that samples the nearest texel without smoothing, so a tag
+of 20 px would be noise.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
+from revnm_server.tag.family import CELLS, RIM_CELLS, upright_cells
 
-CELLS = 8  # the black border included, the white rim not
-_INK, _PAPER = 0.04, 1.0
+INK, _PAPER = 0.04, 1.0  # reflectances
 _MAX_CELL_PX = 64
 _FINE_SIDE_PX, _MAX_FINE = 512, 6  # pictures are drawn finer up to about this side, then averaged
 
@@ -22,10 +22,8 @@ class TagPicture:
     """A tag of the family 36h11, upright as the AprilTag library prints it: its upper edge lies forward."""
 
     def __init__(self, tag_id: int) -> None:
-        family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-        # OpenCV's pictures of the family stand upside down relative to AprilRobotics/apriltag-imgs.
-        cells = np.rot90(cv2.aruco.generateImageMarker(family, tag_id, CELLS), 2) > 0
-        reflectance = np.where(np.pad(cells, 1, constant_values=True), _PAPER, _INK)
+        cells = np.pad(upright_cells(tag_id), RIM_CELLS, constant_values=True)
+        reflectance = np.where(cells, _PAPER, INK)
         self._cells = reflectance.astype(np.float32)  # (CELLS + 2, CELLS + 2)
 
     def warped(self, corners: FloatArray, size_px: tuple[int, int]) -> NDArray[np.float32]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
 from revnm_server.frame import Frame
+from revnm_server.tag.family import upright_cells
 
 _CELLS = 8
 _CELL_PX = 16
@@ -16,9 +17,7 @@ _SUPERSAMPLING = 4
 
 def upright_tag(tag_id: int) -> NDArray[np.uint8]:
     """Return the cells (10, 10) of a tag with its white rim, as AprilRobotics/apriltag-imgs prints it."""
-    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    cells = np.rot90(cv2.aruco.generateImageMarker(family, tag_id, _CELLS), 2)  # OpenCV prints it upside down
-    return np.pad(cells, 1, constant_values=255)
+    return np.pad(upright_cells(tag_id).astype(np.uint8) * 255, 1, constant_values=255)
 
 
 def picture_from_tag(*, centre: tuple[float, float], side_px: float, turn_rad: float, tilt: float = 0.0) -> FloatArray:
@@ -82,3 +81,20 @@ def draw_tag(
 def frame_of(gray: NDArray[np.uint8], *, stamp_ns: int = 0) -> Frame:
     """Return a frame that shows the gray picture."""
     return Frame(np.repeat(gray[:, :, None], 3, axis=2), stamp_ns, stamp_ns)
+
+
+def floor(seed: int = 0, *, size: tuple[int, int] = (640, 480)) -> NDArray[np.uint8]:
+    """Return a cluttered, noisy gray picture."""
+    rng = np.random.default_rng(seed)
+    gray = np.full((size[1], size[0]), 120, np.uint8)
+    for _ in range(60):
+        corner = rng.integers(0, size)
+        opposite = corner + rng.integers(5, 80, 2)
+        cv2.rectangle(gray, corner.tolist(), opposite.tolist(), int(rng.integers(0, 255)), -1)
+    return np.clip(gray + rng.normal(0, 3, gray.shape), 0, 255).astype(np.uint8)
+
+
+def blur_and_noise(gray: NDArray[np.uint8], seed: int = 0) -> NDArray[np.uint8]:
+    """Return the gray picture as a camera takes it."""
+    noise = np.random.default_rng(seed).normal(0, 3, gray.shape)
+    return np.clip(cv2.GaussianBlur(gray, (0, 0), 0.5) + noise, 0, 255).astype(np.uint8)

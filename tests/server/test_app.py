@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ssl
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -118,3 +119,14 @@ def test_a_certificate_of_another_key_is_refused(tiny_bundle: Path, tmp_path: Pa
     overrides = {"zenoh": {"listen": ["tcp/127.0.0.1:0"]}, "http": http, "perception": {"bundle": tiny_bundle}}
     with pytest.raises(ConfigError, match=r"cert\.pem"), running_server(load_settings(overrides=overrides)):
         pass
+
+
+def test_a_server_without_the_april_tag_library_runs_on_opencv_and_says_so(
+    tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyapriltags", None)
+    monkeypatch.delitem(sys.modules, "revnm_server.tag.apriltag", raising=False)
+    with states(tiny_bundle) as state:
+        shown = eventually(state)
+    assert "the AprilTag library does not load" in shown["warnings"][0]
+    assert "the AprilTag library does not load" in caplog.text

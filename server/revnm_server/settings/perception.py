@@ -17,7 +17,8 @@ class PerceptionSettings(Section):
     ``planner`` is ``revnm``, the bundle's policy, or ``bev``, a search on the map that the camera's own calibration
     makes; that one needs ``tag_height_m``, the height of the tags over the floor, and the body of a robot, the
     tag in its middle. ``calibration_dir`` keeps what it learnt over a restart. ``provider`` runs the networks, each
-    with ``threads`` where that is the CPU.
+    with ``threads`` where that is the CPU. ``tag_library`` is what finds the tags: ``apriltag``, ``opencv``, which
+    takes three times as long, or ``auto``, the former where it loads.
     """
 
     planner: Literal["revnm", "bev"] = "revnm"
@@ -26,6 +27,7 @@ class PerceptionSettings(Section):
     threads: Annotated[int, pydantic.Field(ge=1, le=64)] = 2
     tick_hz: Annotated[float, pydantic.Field(gt=0.0, le=60.0)] = 10.0
     max_sighting_age_s: Annotated[float, pydantic.Field(gt=0.0, le=1.0)] = 1.0
+    tag_library: Literal["auto", "apriltag", "opencv"] = "auto"
     tag_size_m: Annotated[float, pydantic.Field(gt=0.0, le=2.0)] = 0.30
     tag_height_m: Annotated[float, pydantic.Field(ge=0.0, le=3.0)] = 0.14
     robot_length_m: Annotated[float, pydantic.Field(gt=0.0, le=5.0)] = 0.43
