@@ -13,7 +13,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from revnm_client.errors import FileError
-from revnm_server.app import build_pipeline
+from revnm_server.assembly import build_pipeline
 from revnm_server.bundle import load_bundle, missing_models
 from revnm_server.checked_file import file_sha256
 from revnm_server.frame import Frame

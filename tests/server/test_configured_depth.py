@@ -12,7 +12,7 @@ import pytest
 from onnx import helper
 
 from revnm_client.errors import ConfigError, FileError
-from revnm_server.app import load_models
+from revnm_server.assembly import load_models
 from revnm_server.bundle import default_bundle_path
 from revnm_server.checked_file import file_sha256
 from revnm_server.configured_depth import load_depth_network, weights_beside

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from revnm_client.errors import ConfigError
-from revnm_server.app import load_models
+from revnm_server.assembly import load_models
 from revnm_server.inference import OnnxModel
 from revnm_server.providers import Provider, check_used, provider_names
 from revnm_server.settings import load_settings

@@ -12,7 +12,7 @@ import torch
 
 from revnm_client.errors import ConfigError
 from revnm_client.geometry import FloatArray
-from revnm_server.app import build_pipeline
+from revnm_server.assembly import build_pipeline
 from revnm_server.bundle import Bundle, load_bundle
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.observation import Image32, ImagePose

@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     """
     settings = settings_of(options)
     start_log(settings.log.model_copy(update={"level": "error"}))
-    from revnm_server.app import load_models  # may compile for seconds
+    from revnm_server.assembly import load_models  # may compile for seconds
 
     load_models(settings.perception, settings.depth)
     findings = [Finding(Verdict.GOOD, "models", "all files are there and as their manifest says")]

@@ -88,7 +88,7 @@ def _settings(path: Path, section: type[_Recorded], recorded: dict[str, Any]) ->
 
 
 def _replay(reader: RecordReader, settings: PerceptionSettings, depth: DepthSettings) -> Comparison:
-    from revnm_server.app import build_map_pipeline, build_pipeline, load_models
+    from revnm_server.assembly import build_map_pipeline, build_pipeline, load_models
     from revnm_server.bundle import Bundle, default_bundle_path
     from revnm_server.calibration.store import save_belief
     from revnm_server.checked_file import file_sha256

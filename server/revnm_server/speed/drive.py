@@ -12,7 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from revnm_server.app import build_map_pipeline, build_pipeline
+from revnm_server.assembly import build_map_pipeline, build_pipeline
 from revnm_server.bundle import Bundle
 from revnm_server.calibration.adjustment import Belief
 from revnm_server.calibration.store import save_belief
