@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import ssl
 import urllib.error
@@ -35,13 +36,13 @@ class ServerAddress:
     certificate: Path | None = None
 
     @classmethod
-    def of(cls, http: HttpSettings) -> ServerAddress:
+    def of(cls, settings: HttpSettings) -> ServerAddress:
         """Return where the server of these settings is, seen from its own machine."""
-        host = _EVERYWHERE.get(http.host, http.host)
+        host = _EVERYWHERE.get(settings.host, settings.host)
         host = f"[{host}]" if ":" in host else host
-        scheme = "http" if http.certificate is None else "https"
-        token = http.token.get_secret_value() if http.token is not None else None
-        return cls(f"{scheme}://{host}:{http.port}", token, http.certificate)
+        scheme = "http" if settings.certificate is None else "https"
+        token = settings.token.get_secret_value() if settings.token is not None else None
+        return cls(f"{scheme}://{host}:{settings.port}", token, settings.certificate)
 
 
 def call(address: ServerAddress, method: Literal["GET", "POST"], path: str, *, within_s: float = 2.0) -> Any:
@@ -55,6 +56,8 @@ def call(address: ServerAddress, method: Literal["GET", "POST"], path: str, *, w
     url = f"{address.url.rstrip('/')}/api/v1/{path}"
     if not url.startswith(("http://", "https://")):
         raise ConfigError(f"{address.url}: expected http://HOST:PORT or https://HOST:PORT")
+    if address.token is not None and not (address.token.isascii() and address.token.isalnum()):
+        raise ConfigError("the token: expected ASCII letters and digits only")
     headers = {"Authorization": f"Bearer {address.token}"} if address.token else {}
     try:
         request = urllib.request.Request(url, method=method, headers=headers)  # noqa: S310 - checked above
@@ -63,7 +66,7 @@ def call(address: ServerAddress, method: Literal["GET", "POST"], path: str, *, w
     except urllib.error.HTTPError as error:
         with error:
             raise LinkError(f"{url} answers {error.code}: {_detail(error.read())}") from error
-    except ValueError as error:
+    except (ValueError, http.client.HTTPException) as error:
         raise LinkError(f"{url} is no ReVNM server: {error}") from error
     except OSError as error:  # URLError is one
         reason = error.reason if isinstance(error, urllib.error.URLError) else error
@@ -77,8 +80,16 @@ def _opener(address: ServerAddress) -> urllib.request.OpenerDirector:
     except OSError as error:
         raise ConfigError(f"certificate {address.certificate}: {error}") from error
     context.check_hostname = address.certificate is None
+    context.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN  # the certificate itself, not the authority behind it
     direct = urllib.request.ProxyHandler({})  # the server is near
-    return urllib.request.build_opener(direct, urllib.request.HTTPSHandler(context=context))
+    return urllib.request.build_opener(direct, _Nowhere(), urllib.request.HTTPSHandler(context=context))
+
+
+class _Nowhere(urllib.request.HTTPRedirectHandler):
+    """Follows no redirect: the token is for the server that was asked."""
+
+    def redirect_request(self, *_: Any) -> None:
+        return None
 
 
 def _detail(problem: bytes) -> str:

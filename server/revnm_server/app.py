@@ -119,15 +119,13 @@ def _pipeline(
     for each in own.values():
         stack.callback(each.close)
     senses = {robot: heard.along(robot, each) for robot, each in own.items()}
-    loaded = [models]  # later ones are read again from their files
     perception, robots, camera = settings.perception, settings.robots, settings.camera.name
 
-    def build() -> Pipeline | MapPipeline:
-        models = loaded.pop() if loaded else load_models(perception, settings.depth)
+    def build(models: Bundle | DepthBundle) -> Pipeline | MapPipeline:
         if isinstance(models, Bundle) and not plans_on_map(models):
             return build_pipeline(models, perception, robots, tag_library=tags)
         return build_map_pipeline(models, perception, robots, senses, camera=camera, tag_library=tags)
 
-    pipeline = RestartingPipeline(build)
+    pipeline = RestartingPipeline(build(models), lambda: build(load_models(perception, settings.depth)))
     stack.callback(pipeline.close)
     return pipeline

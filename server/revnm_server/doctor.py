@@ -55,7 +55,7 @@ def examine(view: ServerView, *, tags: Mapping[str, int], tick_hz: float) -> lis
         findings.append(_tick(view, tick_hz))
     for robot in view.robots:
         if view.camera.state == "running":
-            findings.append(_tag(robot, tags[robot.name]))
+            findings.append(_tag(robot, tags.get(robot.name)))
         findings += _link(robot)
     findings += [Finding(Verdict.WARNING, "server", text) for text in view.warnings]
     findings += _rejected(view.rejected)
@@ -89,8 +89,12 @@ def _tick(view: ServerView, tick_hz: float) -> Finding:
     return Finding(Verdict.GOOD, "tick", text)
 
 
-def _tag(robot: RobotView, tag_id: int) -> Finding:
+def _tag(robot: RobotView, tag_id: int | None) -> Finding:
     subject = f"{robot.name}: tag"
+    if tag_id is None:
+        return Finding(
+            Verdict.WARNING, subject, "the server has this robot, these settings have not: give it the same ones"
+        )
     if robot.tag_px is None or robot.sighting_age_s is None or robot.sighting_age_s > _OLDEST_SIGHTING_S:
         text = (
             f"AprilTag 36h11, id {tag_id}, is not in the picture: place the robot in sight, check the id and the light"

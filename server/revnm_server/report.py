@@ -6,7 +6,7 @@ import json
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -45,16 +45,21 @@ def write_report(
         packages: Whose versions to note.
         more: Other tables, by name.
     """
-    report = {
+    report: dict[str, Any] = {
         "rows": list(rows),
         **{name: list(table) for name, table in (more or {}).items()},
         "command": command,
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}},
+        "versions": {**installed_versions(packages), "python": platform.python_version()},
         "machine": {"system": platform.platform(), "processor": platform.machine(), "cores": os.cpu_count()},
     }
     partial = path.with_suffix(".partial")
     partial.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     partial.replace(path)
+
+
+def installed_versions(packages: Sequence[str]) -> dict[str, str | None]:
+    """Return the version of each package; None where another takes its place, as onnxruntime-gpu does."""
+    return {name: _version(name) for name in packages}
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -71,3 +76,10 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _cell(value: Any) -> str:
     return "" if value is None else str(value)
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

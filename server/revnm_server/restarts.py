@@ -42,17 +42,19 @@ class RestartLimits:
     """When a pipeline is built anew.
 
     Attributes:
-        failures: Pictures in a row that it failed on.
-        pause_s: Least time between two builds; doubled by each, up to ``longest_pause_s``.
+        failures: It failed on so many...
+        pictures: ...of so many pictures; with some pipelines a failure shows at every second one only.
+        pause_s: Least time between two builds, after the first; doubled by each, up to ``longest_pause_s``.
         longest_pause_s: See there.
         restarts: Most builds within ``window_s``; after that it stays as it is.
         window_s: See there, seconds.
     """
 
-    failures: int = 3
+    failures: int = 5
+    pictures: int = 10
     pause_s: float = 1.0
     longest_pause_s: float = 30.0
-    restarts: int = 5
+    restarts: int = 8
     window_s: float = 600.0
 
 
@@ -65,22 +67,25 @@ class RestartingPipeline:
 
     def __init__(
         self,
+        pipeline: OwnedPipeline,
         build: Callable[[], OwnedPipeline],
         *,
         limits: RestartLimits | None = None,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Build the first one.
+        """Begin with a pipeline.
 
         Args:
-            build: Makes a pipeline; what it raises the first time is raised.
+            pipeline: The first one; closed by this.
+            build: Makes another.
             limits: When to build anew.
             now_s: A clock that never jumps.
         """
         self.restarts = 0
         self._build, self._limits, self._now_s = build, limits or RestartLimits(), now_s
-        self._pipeline: OwnedPipeline | None = build()
-        self._failures = 0
+        self._pipeline: OwnedPipeline | None = pipeline
+        self._failed: deque[bool] = deque(maxlen=self._limits.pictures)
+        self._cause = ""
         self._built_s: deque[float] = deque()
 
     def step(self, frame: Frame, goals: Mapping[str, Goal]) -> TickResult:
@@ -90,15 +95,16 @@ class RestartingPipeline:
             StageError: The pipeline was built anew as often as may be, or could not be built.
             Exception: Whatever the pipeline raised.
         """
-        if self._pipeline is None or self._failures >= self._limits.failures:
+        if self._pipeline is None or sum(self._failed) >= self._limits.failures:
             self._restart()
         assert self._pipeline is not None
         try:
             result = self._pipeline.step(frame, goals)
-        except Exception:
-            self._failures += 1
+        except Exception as error:
+            self._failed.append(True)
+            self._cause = str(error)
             raise
-        self._failures = 0
+        self._failed.append(False)
         return result
 
     def close(self) -> None:
@@ -109,17 +115,17 @@ class RestartingPipeline:
     def _restart(self) -> None:
         """Build another pipeline, unless that is too soon or was too often."""
         self._check_bounds()
-        self._built_s.append(self._now_s())
         self.restarts += 1
-        logger.warning("the pipeline failed on %d pictures in a row: building it anew", self._failures)
-        failed, self._pipeline = self._pipeline, None
-        if failed is not None:
-            self._close_failed(failed)
+        logger.warning("the pipeline keeps failing (%s): building it anew", self._cause)
+        self._close_failed()
         try:
             self._pipeline = self._build()
         except Exception as error:
+            self._cause = str(error)
             raise StageError(f"the pipeline could not be built anew: {error}") from error
-        self._failures = 0
+        finally:
+            self._built_s.append(self._now_s())
+        self._failed.clear()
 
     def _check_bounds(self) -> None:
         limits, now_s = self._limits, self._now_s()
@@ -128,15 +134,18 @@ class RestartingPipeline:
         count = len(self._built_s)
         if count >= limits.restarts:
             raise StageError(
-                f"the pipeline was built anew {count} times in {limits.window_s / 60:.0f} minutes and fails on: "
-                "see the log, mend the cause, restart the server"
+                f"the pipeline was built anew {count} times in {limits.window_s / 60:.0f} minutes, and it still fails: "
+                f"{self._cause}"
             )
         pause_s = min(limits.pause_s * 2.0 ** max(0, count - 1), limits.longest_pause_s)
         if count and now_s - self._built_s[-1] < pause_s:
-            raise StageError(f"the pipeline fails: it is built anew after {pause_s:.0f} s")
+            raise StageError(f"the pipeline fails, and is built anew after {pause_s:.0f} s: {self._cause}")
 
-    def _close_failed(self, failed: OwnedPipeline) -> None:
+    def _close_failed(self) -> None:
+        """Close the failed pipeline and let go of it: there may be no memory for two."""
+        failed, self._pipeline = self._pipeline, None
         try:
-            failed.close()
+            if failed is not None:
+                failed.close()
         except Exception:  # it has failed before; what matters is the next one
             logger.exception("the failed pipeline could not be closed")

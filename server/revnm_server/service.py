@@ -31,6 +31,7 @@ logger = logging.getLogger(__name__)
 
 MAX_PLAN_AGE_NS = 1_000_000_000
 _WAIT_S = 0.1
+_LAST_TICK_S = 5.0
 _SEEN_LATELY_S = 1.0
 
 
@@ -103,13 +104,16 @@ class NavigationService:
         return self._closing.is_set()
 
     def close(self) -> None:
-        """Publish no more plans, tell every robot that has a goal to stand, and leave the keys."""
+        """Publish no more plans, tell every robot that has a goal to stand, and leave the keys.
+
+        A tick that hangs is left behind after some seconds: robots have been told by then.
+        """
         with self._publishing:
             self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join()
         self._courier.close()
         self._courier.halt(self.mission.driving_goals())
+        if self._thread.is_alive():
+            self._thread.join(_LAST_TICK_S)
         for link in self._links.values():
             link.close()
 
@@ -156,11 +160,11 @@ class NavigationService:
         while not self._closing.is_set():
             frame = self.camera.wait_newer(seq, timeout_s=_WAIT_S)
             began_s = time.monotonic()
+            self._overview.note_begin()
             try:
                 self._listen()
                 if frame is not None:
                     seq = frame.seq
-                    self._overview.note_begin()
                     self._tick(frame)
             except Exception as error:  # no plan is sent and the view says why
                 if self._overview.note_fault(error):
@@ -201,11 +205,16 @@ class NavigationService:
         for robot, route in routes.items():
             if route.arrived:
                 self.mission.note_arrival(robot, goals[robot].id)
-        sent = {plan.robot: self._publish(plan, now_seen.get(plan.robot)) for plan in result.plans}
-        published = {robot: plan for robot, plan in sent.items() if plan is not None}
+        published: dict[str, SentPlan] = {}
+        try:
+            for plan in result.plans:
+                sent = self._publish(plan, now_seen.get(plan.robot))
+                if sent is not None:
+                    published[plan.robot] = sent
+        finally:
+            if self.recorder is not None:
+                self.recorder.observe(ObservedTick(frame, goals, result, frozenset(published)))
         self._overview.note_tick(SeenTick(frame.stamp_ns, frame.size_px, result), published)
-        if self.recorder is not None:
-            self.recorder.observe(ObservedTick(frame, goals, result, frozenset(published)))
 
     def _step(self, frame: Frame, goals: Mapping[str, Goal]) -> TickResult:
         """Let the pipeline see a picture; a record has those, too, at which it failed."""

@@ -134,14 +134,17 @@ def time_4k(scene: Scene, camera: CameraSource, *, hold_s: float) -> FaultTiming
 
 
 def sample_ages_ms(camera: CameraSource, *, rate_hz: float, count: int) -> list[int]:
-    """Return how old the newest picture was whenever a consumer looked, at a fixed rate.
+    """Return how old the newest picture was whenever a consumer looked, at a rate.
+
+    Looks are up to a picture's time off, else all would meet the same moment between two pictures.
 
     Raises:
         TrialError: In a picture no time could be read.
     """
     ages_ms, pause, began_s = [], threading.Event(), time.monotonic()
+    off_s = np.random.default_rng(0).uniform(0.0, 1.0 / FPS, count)
     for number in range(count):
-        pause.wait(began_s + number / rate_hz - time.monotonic())
+        pause.wait(began_s + number / rate_hz + off_s[number] - time.monotonic())
         frame, now_ms = camera.latest(), _now_ms()
         age_ms = read_age_ms(frame.image[:, :, 1], now_ms) if frame is not None else None
         if age_ms is None:

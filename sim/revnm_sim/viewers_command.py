@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from revnm_client.errors import ConfigError, LinkError
+from revnm_server.report import make_folder
 from revnm_sim.bench.report import table, write_report
 from revnm_sim.server_api import ServerApi
 
@@ -49,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     host, _, port = args.http.rpartition(":")
     if not host or not port.isdecimal() or min(args.viewers, args.requests, args.rounds) < 1 or args.seconds <= 0.0:
         raise ConfigError("expected --http HOST:PORT, and a positive number for each other option")
-    args.out.mkdir(parents=True, exist_ok=True)
+    make_folder(args.out)
     api = ServerApi(f"http://{args.http}")
     rows = []
     for _ in range(args.rounds):

@@ -85,6 +85,7 @@ def test_garbage_is_refused(decode, payload):
         (control.decode_state, {key: STATE[key] for key in STATE if key != "reason"}),
         (control.decode_state, STATE | {"moving": 0}),
         (control.decode_state, STATE | {"v_mps": [1.0]}),
+        (control.decode_state, STATE | {"clock_offset_ms": 10**400}),
         (control.decode_state, STATE | {"reason": "x" * 300}),
         (control.decode_state, STATE | {"a\nb": 1}),
         (control.decode_state, STATE | {f"key{index}": 1 for index in range(40)}),

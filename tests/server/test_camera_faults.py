@@ -40,8 +40,11 @@ def shaded(index: int) -> NDArray[np.uint8]:
 
 
 @contextmanager
-def reading(source: StreamSource | str) -> Iterator[PyavReader]:
-    camera = PyavReader(parse_camera_url(source) if isinstance(source, str) else source)  # type: ignore[arg-type]
+def reading(source: StreamSource | str, *, lag_bin_s: float = 1.0) -> Iterator[PyavReader]:
+    camera = PyavReader(
+        parse_camera_url(source) if isinstance(source, str) else source,  # type: ignore[arg-type]
+        new_lag=lambda: StreamLag(bin_s=lag_bin_s),
+    )
     try:
         yield camera
     finally:
@@ -186,14 +189,25 @@ def test_a_picture_is_stamped_with_when_it_began_to_come() -> None:
         eventually(stamped_well)
 
 
-def test_lag_is_what_a_picture_is_later_than_the_others() -> None:
+@pytest.mark.parametrize("speed", [1.0, 0.99, 24 / 25, 21 / 25, 25 / 30, 1.05])
+def test_a_camera_whose_clock_goes_wrong_is_not_late(speed: float) -> None:
+    lag, jitter = StreamLag(), np.random.default_rng(0)
+    late_s = [lag.note(speed * step / 25, 100 + step / 25 + jitter.exponential(0.02)) for step in range(3000)]
+    assert max(late_s) < 0.3  # pictures are dropped from 0.5 s on
+
+
+@pytest.mark.parametrize("speed", [1.0, 21 / 25])
+def test_what_the_network_held_up_is_late_by_just_that(speed: float) -> None:
     lag = StreamLag()
-    assert lag.note(7.0, 100.0) == 0.0
-    assert lag.note(8.0, 101.2) == pytest.approx(0.2)
-    assert lag.note(9.0, 101.9) == 0.0  # faster than the first: that one was late
-    assert lag.note(10.0, 103.0) == pytest.approx(0.1)
-    # The camera's clock is 1 % slow: no picture is late.
-    assert all(lag.note(10.0 + 0.99 * step, 103.0 + step) < 0.8 for step in range(1000))
+    late_s = {}
+    for step in range(1500):
+        taken_s = step / 25
+        came_s = 41.5 if 40.0 <= taken_s < 41.5 else taken_s  # nothing comes for 1.5 s, then all of it
+        late_s[taken_s] = lag.note(speed * taken_s, 100 + came_s)
+    assert late_s[39.96] == pytest.approx(0.0, abs=1e-6)
+    assert late_s[40.2] == pytest.approx(1.3, abs=0.01)
+    assert late_s[41.0] == pytest.approx(0.5, abs=0.01)
+    assert late_s[42.0] == pytest.approx(0.0, abs=0.01)
 
 
 def test_pictures_that_piled_up_are_not_shown() -> None:
@@ -203,10 +217,10 @@ def test_pictures_that_piled_up_are_not_shown() -> None:
     with RtspServer(fps=50) as server:  # a key frame every 50 pictures
 
         def show(*, slow: bool) -> None:
-            late_ns = (time.monotonic_ns() - began_ns) // 2 if slow else 0
+            late_ns = (time.monotonic_ns() - began_ns) * 9 // 10 if slow else 0  # slower than any clock
             server.show(shaded(next(counter)), taken_ns=time.monotonic_ns() - late_ns)
 
-        with reading(server.url) as camera:
+        with reading(server.url, lag_bin_s=0.05) as camera:
             eventually(lambda: show(slow=True) or camera.status().state is CameraState.RUNNING)
             eventually(lambda: show(slow=True) or "old when they are decoded" in str(camera.status().reason))
             assert camera.status().state is CameraState.STALE

@@ -97,6 +97,11 @@ def test_slow_ticks_refused_messages_and_warnings_are_told() -> None:
     assert findings(replace(VIEW, timings_ms={}, reasons=["tick failed"]))["tick"] == (Verdict.FAULT, "tick failed")
 
 
+def test_a_robot_that_the_settings_lack_is_told() -> None:
+    findings = {f.subject: f for f in examine(VIEW, tags={"other": 3}, tick_hz=10.0)}
+    assert findings["rover: tag"].verdict is Verdict.WARNING
+
+
 def test_it_looks_at_the_server_that_runs(tiny_bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
     endpoint, port = f"tcp/127.0.0.1:{free_port()}", free_port()
     options = ["--bundle", str(tiny_bundle), "--listen", endpoint, "--http", f"127.0.0.1:{port}"]

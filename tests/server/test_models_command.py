@@ -131,8 +131,11 @@ def test_what_the_user_can_mend_is_said_in_one_line(
 def test_an_interrupt_keeps_the_part_for_the_next_time(server: FileServer, tmp_path: Path) -> None:
     content = bytes(range(256)) * 2000
     server.does.content, server.does.sends, server.does.stalls = content, len(content) // 2, True
-    command = [sys.executable, "-m", "revnm_server.cli", "models", "fetch", server.url, "--sha256", sum_of(content)]
-    command += ["--to", str(tmp_path / "to")]
+    words = ["models", "fetch", server.url, "--sha256", sum_of(content), "--to", str(tmp_path / "to")]
+    # Where the tests run in the background, SIGINT is ignored, and children inherit that.
+    code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    code += "from revnm_server.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, *words]
     part = tmp_path / "to" / "net.onnx.part"
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
@@ -145,6 +148,6 @@ def test_an_interrupt_keeps_the_part_for_the_next_time(server: FileServer, tmp_p
     kept = part.read_bytes()
     assert content.startswith(kept)
     server.does.sends, server.does.stalls = None, False
-    assert main(command[3:]) == 0
+    assert main(words) == 0
     assert server.asked[1]["Range"] == f"bytes={len(kept)}-"
     assert (tmp_path / "to" / "net.onnx").read_bytes() == content

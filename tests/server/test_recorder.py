@@ -39,6 +39,7 @@ from revnm_server.recording.entry_queue import EntryQueue, LogEntry, TickEntry
 from revnm_server.recording.errors import RecordingError
 from revnm_server.recording.heard_log import HeardLog
 from revnm_server.recording.recorder import Recorder
+from revnm_server.report import installed_versions
 from revnm_server.settings import load_settings
 
 from .recording_parts import (
@@ -339,8 +340,13 @@ def largest_file(size_bytes: int) -> Iterator[None]:
 
 
 def test_too_little_free_space_refuses_or_stops(router: zenoh.Session, tmp_path: Path) -> None:
+    with recorder(router, tmp_path) as made:
+        made.start()
+        made.stop()
+    before = records(tmp_path)
     with recorder(router, tmp_path, least_free_gb=1e9) as made, pytest.raises(RecordingError, match="keeps 1e"):
         made.start()
+    assert records(tmp_path) == before != []  # to delete them all would not have helped
 
 
 @pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="needs a small disk of its own: /dev/shm")
@@ -414,6 +420,10 @@ def test_a_record_says_what_made_it_and_nothing_secret(tmp_path: Path, tiny_bund
     assert set(told) == {"camera", "depth", "perception", "robots"}
     assert len(about["bundle_manifest_sha256"]) == 64
     assert not any(secret in str(about) for secret in ("s3cret", "0123456789abcdefXYZ"))
+
+
+def test_a_package_that_another_replaces_is_no_reason_not_to_start() -> None:
+    assert installed_versions(["numpy", "no-such-package"])["no-such-package"] is None
 
 
 def test_threads_may_switch_at_once(router: zenoh.Session, tmp_path: Path) -> None:

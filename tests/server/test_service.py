@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -266,6 +267,26 @@ def test_on_close_the_robot_is_told_to_stand_and_after_the_restart_to_go_on(
             assert robot.plans[-1].epoch >= robot.epoch
         finally:
             again.close()
+
+
+def test_robots_are_told_to_stand_though_the_tick_hangs(
+    router: zenoh.Session, camera: CameraSource, pipeline: FakePipeline, client: zenoh.Session
+) -> None:
+    mission = Mission(["rover"])
+    service = NavigationService(router, camera=camera, pipeline=pipeline, mission=mission, tick_hz=50)
+    service.start()
+    with CameraFeed(client), RobotEnd(client) as robot:
+        eventually(lambda: service.view().camera.state == "running")
+        mission.set_goal("rover", 200, 200, size_px=SIZE)
+        eventually(lambda: robot.plans)
+        pipeline.going_on.clear()
+        closing = threading.Thread(target=service.close)
+        closing.start()
+        try:
+            eventually(lambda: robot.orders == ["stop"])
+        finally:
+            pipeline.going_on.set()
+            closing.join()
 
 
 def test_a_server_without_its_state_file_catches_up_with_the_robot(

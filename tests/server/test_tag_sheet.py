@@ -86,7 +86,7 @@ def test_a_page_for_each_tag_says_what_it_is_and_how_to_set_it(tmp_path: Path, c
         for expected in (
             f"tag36h11 id {tag_id} 200 mm",
             "front of the robot",
-            "The size is that of the black square",
+            "The size, 200 mm, is that of the black square",
             "Print at 100 %",
             f"robots: {{rover: {tag_id}}}",
             "perception: {tag_size_m: 0.2}",

@@ -246,10 +246,11 @@ def export_bundle(
         ContractError: ONNX and PyTorch differ.
     """
     parts = graphs(preset)
-    kept = _kept_parts(preset, set(checkpoints), base, random_weights=random_weights)
+    missing, base = _missing(preset, set(checkpoints), base, random_weights=random_weights)
+    loaded = {kind: _load_weights(parts[kind], path, kind, preset) for kind, path in checkpoints.items()}
+    kept = {kind: kept_part(base, kind, preset) for kind in missing if base is not None}
     if "depth" not in parts:
         preset = _with_depth_of(preset, kept["depth"])
-    loaded = {kind: _load_weights(parts[kind], path, kind, preset) for kind, path in checkpoints.items()}
     drawn = [kind for kind in _KINDS if kind not in loaded and kind not in kept]
     loaded |= {kind: _random_weights(parts[kind], kind, preset) for kind in drawn}
     benchmark = [row for report in reports for row in _read_rows(report)]
@@ -272,8 +273,14 @@ def export_bundle(
     return differences
 
 
-def _kept_parts(preset: Preset, given: set[str], base: Path | None, *, random_weights: bool) -> dict[str, KeptPart]:
-    """Return what is taken over from the base, by kind."""
+def _missing(
+    preset: Preset, given: set[str], base: Path | None, *, random_weights: bool
+) -> tuple[list[str], Path | None]:
+    """Return the kinds of networks that the base must give, and the base.
+
+    Raises:
+        ConfigError: A network has neither checkpoint nor base, or one that the preset has no use for.
+    """
     kinds = [kind for kind in _KINDS if kind != "depth" or preset.depth is not None]
     missing = [kind for kind in _KINDS if kind not in given]
     has = f"preset {preset.name!r} has the networks {', '.join(kinds)}"
@@ -283,7 +290,7 @@ def _kept_parts(preset: Preset, given: set[str], base: Path | None, *, random_we
         missing, base = [kind for kind in missing if kind not in kinds], base or default_bundle_path()
     if missing and base is None:
         raise ConfigError(f"{has}: no checkpoint or base for {', '.join(sorted(missing))}")
-    return {kind: kept_part(base, kind, preset) for kind in missing if base is not None}
+    return missing, base
 
 
 def _with_depth_of(preset: Preset, kept: KeptPart) -> Preset:

@@ -1,30 +1,58 @@
-"""Notices pictures that come late: what piles up on its way is old when it is decoded, whatever the clock says then."""
+"""Notices pictures that come late: what piles up on its way is old when it is decoded, whatever the clock says then.
+
+The camera's clock and ours have nothing in common, not even their speed: many cameras count so many pictures a second
+whatever they send, and some are off by a fifth. So both are compared over some seconds first.
+"""
 
 from __future__ import annotations
 
-_WINDOW_S = 30.0
+from collections import deque
+
+import numpy as np
+
+_BINS = 20
+_APART = 5  # bins: over less time a slope is mostly jitter
+_STEEPEST = 0.3
 
 
 class StreamLag:
     """Compares when pictures come with when the camera says that it took them.
 
-    The two clocks have nothing in common, so the least delay lately counts as none. Clocks that drift apart are
-    forgiven by forgetting it after half a minute to a minute.
+    The least delays of the last twenty seconds lie on a line, whose slope is the difference of the clocks' speeds; what
+    is above it is late. A delay that grows as slowly and as steadily as a clock would cannot be told from one.
+
+    Args:
+        bin_s: Length of what is called a second here.
     """
 
-    def __init__(self) -> None:
-        self._least: list[float] = []  # of this window and of the one before, seconds between the clocks
-        self._began_s = 0.0
+    def __init__(self, *, bin_s: float = 1.0) -> None:
+        self._bin_s = bin_s
+        self._least: deque[tuple[float, float]] = deque(maxlen=_BINS)  # when, and the least of that second
+        self._slope, self._intercept_s = 0.0, 0.0
 
     def note(self, media_s: float, now_s: float) -> float:
-        """Return by how many seconds a picture is late.
+        """Return by how many seconds a picture is late; 0 during the first seconds of a connection.
 
         Args:
             media_s: When it was taken, the stream's clock.
             now_s: When it came, monotonic clock.
         """
         offset_s = now_s - media_s
-        if not self._least or now_s - self._began_s > _WINDOW_S:
-            self._least, self._began_s = [offset_s, *self._least[:1]], now_s
-        self._least[0] = min(self._least[0], offset_s)
-        return offset_s - min(self._least)
+        if not self._least or now_s - self._least[-1][0] >= self._bin_s:
+            if len(self._least) > _APART:
+                self._fit()
+            self._least.append((now_s, offset_s))
+        elif offset_s < self._least[-1][1]:
+            self._least[-1] = self._least[-1][0], offset_s
+        if len(self._least) <= _APART + 1:
+            return 0.0
+        late_s = offset_s - self._slope * now_s - self._intercept_s  # of the camera's seconds
+        return max(0.0, late_s / (1.0 - self._slope))
+
+    def _fit(self) -> None:
+        """Lay the line below the least delays: its slope is the median of those between seconds that are apart."""
+        at_s, offset_s = np.array(self._least).T
+        later, earlier = np.tril_indices(len(at_s), -_APART)
+        slopes = (offset_s[later] - offset_s[earlier]) / (at_s[later] - at_s[earlier])
+        self._slope = float(np.clip(np.median(slopes), -_STEEPEST, _STEEPEST))
+        self._intercept_s = float((offset_s - self._slope * at_s).min())

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from typing import cast
 
 import av
@@ -18,6 +19,7 @@ from av.container import InputContainer
 from av.video.stream import VideoStream
 
 from revnm_server.camera.backoff import Backoff
+from revnm_server.camera.lag import StreamLag
 from revnm_server.camera.pictures import Pictures
 from revnm_server.camera.slot import LatestSlot
 from revnm_server.camera.source import CameraState, CameraStatus
@@ -38,12 +40,16 @@ class PyavReader:
     Args:
         source: What to read.
         timeout_s: Longest wait for the network: for a connection, an answer, the next picture.
+        new_lag: Makes what judges which pictures of a connection are late.
     """
 
-    def __init__(self, source: StreamSource, *, timeout_s: float = _TIMEOUT_S) -> None:
+    def __init__(
+        self, source: StreamSource, *, timeout_s: float = _TIMEOUT_S, new_lag: Callable[[], StreamLag] = StreamLag
+    ) -> None:
         self.redacted_url = _shown(source)
         self._source = source
         self._timeout_s = timeout_s
+        self._new_lag = new_lag
         self._slot = LatestSlot(watch_content=not isinstance(source, FileCamera))
         self._backoff = Backoff(np.random.default_rng())
         self._told: str | None = None
@@ -116,11 +122,11 @@ class PyavReader:
 
     def _read(self, container: InputContainer) -> None:
         stream = video_stream(container)
-        pictures = Pictures(self._slot, self._source, self._closing)
+        pictures = Pictures(self._slot, self._source, self._closing, self._new_lag())
         held_back = isinstance(self._source, NetworkCamera) and stream.codec_context.name in _HELD_BACK
-        began_ns = time.time_ns()
+        began_s = time.monotonic()
         for packet in container.demux(stream):
-            now_ns = time.time_ns()
+            now_s = time.monotonic()
             if self._closing.is_set():
                 return
             if self._is_silent():
@@ -128,8 +134,8 @@ class PyavReader:
             if isinstance(self._source, DeviceCamera):
                 packet = _detached(packet)
             # What was held back until the next picture began to arrive did so itself when the one before was given.
-            pictures.take(packet, taken_ns=began_ns if held_back else now_ns)
-            self._heard_s, began_ns = time.monotonic(), now_ns
+            pictures.take(packet, came_s=began_s if held_back else now_s)
+            self._heard_s, began_s = time.monotonic(), now_s
             if pictures.running and self._told is not None:
                 logger.info("camera %s: pictures come again", self.redacted_url)
                 self._told = None

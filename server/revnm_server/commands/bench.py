@@ -83,7 +83,10 @@ def _counts(text: str) -> list[int]:
 
 def _folders(given: list[Path], presets: str | None) -> list[Path]:
     """Return the bundles to measure; the shipped one stands for its preset where none is given for it."""
-    named = {read_manifest(folder).name: folder for folder in given}
+    names = [read_manifest(folder).name for folder in given]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"--bundle: expected bundles of different names, got {', '.join(names)}")
+    named = dict(zip(names, given, strict=True))
     if presets is None:
         return list(named.values()) or [default_bundle_path()]
     shipped = default_bundle_path()

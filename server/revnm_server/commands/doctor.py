@@ -16,7 +16,7 @@ from revnm_server.api_client import NoServerError, ServerAddress, call
 from revnm_server.commands.setting_options import add_setting_options, settings_of
 from revnm_server.doctor import Finding, Verdict, examine
 from revnm_server.log_output import start_log
-from revnm_server.settings import HttpSettings, Settings
+from revnm_server.settings import HttpSettings, RecordingSettings, Settings
 from revnm_server.view import ServerView
 
 SICK = 1
@@ -78,7 +78,10 @@ def _own_view(settings: Settings, seconds: float) -> ServerView:
     from revnm_server.app import running_server
 
     http = settings.http.model_copy(update={"host": "127.0.0.1", "port": 0})
-    alone = settings.model_copy(update={"http": http, "state_file": None})
+    perception = settings.perception.model_copy(update={"calibration_dir": None})
+    alone = settings.model_copy(
+        update={"http": http, "state_file": None, "perception": perception, "recording": RecordingSettings()}
+    )
     with running_server(alone) as server:
         done = threading.Event()
         try:

@@ -134,6 +134,7 @@ def _whole(reader: RecordReader, comparison: Comparison) -> dict[str, Any]:
         "ticks": comparison.ticks,
         "original_pictures": comparison.originals,
         "broken_ticks": reader.broken,
+        "early_ticks": reader.early,
         "missing_messages": comparison.missing,
         "failed_recorded": comparison.failed_then,
         "failed_replayed": comparison.failed_now,

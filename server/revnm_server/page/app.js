@@ -25,7 +25,7 @@ let due = false; // whether a frame is to be drawn
 const server = new Server({ onState: render, onMessage: (text) => setText($("message"), text) });
 const stream = new PictureStream($("picture"), () => $("view").classList.contains("stale") && render());
 const picker = new GoalPicker($("overlay"), {
-  size: () => (server.mayOperate && isAligned() && !server.quiet ? (server.state?.camera.size_px ?? null) : null),
+  size: () => (server.mayOperate && isAligned() && !pictureTrouble() ? (server.state?.camera.size_px ?? null) : null),
   from: () => {
     const pixel = chosen()?.pixel;
     return pixel ? { u: pixel[0], v: pixel[1] } : null;
@@ -58,6 +58,7 @@ function setGoal(pixel) {
 
 function stop({ all = false } = {}) {
   picker.cancel();
+  if (!server.state) setText($("message"), "STOP CANNOT BE SENT: nothing was heard of the server yet.");
   for (const robot of server.state?.robots ?? []) if (all || robot === chosen()) server.stop(robot.name);
 }
 

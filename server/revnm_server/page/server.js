@@ -15,7 +15,7 @@ export class Server {
   #heardAt = performance.now();
   #socket = null;
   #openedAt = 0;
-  #unheardStops = new Set(); // robots whose Stop has not got through
+  #unheardStops = new Map(); // robots whose Stop has not got through, and how often it was pressed
   #onState;
   #onMessage;
 
@@ -45,24 +45,26 @@ export class Server {
     }
   }
 
-  /** Stop a robot; where the server cannot be reached, again and again until it can. */
+  /** Stop a robot at once, however often it is asked; where the server cannot be reached, again until it can. */
   stop(robot) {
-    if (this.#unheardStops.has(robot)) return;
-    this.#unheardStops.add(robot);
-    this.#insistOnStop(robot);
+    const turn = (this.#unheardStops.get(robot) ?? 0) + 1;
+    this.#unheardStops.set(robot, turn);
+    this.#insistOnStop(robot, turn);
   }
 
-  async #insistOnStop(robot) {
-    if (!this.#unheardStops.has(robot)) return;
+  /** Only the last press insists: an earlier one may hang in a connection that is dead. */
+  async #insistOnStop(robot, turn) {
+    if (this.#unheardStops.get(robot) !== turn) return;
     try {
       await this.#tell(robot, "POST", "stop");
       this.#unheardStops.delete(robot);
     } catch (error) {
+      if (this.#unheardStops.get(robot) !== turn) return;
       const refused = error.status >= 400 && error.status < 500;
       const again = refused ? "" : ". It is sent again until it does.";
       this.#onMessage(`STOP HAS NOT GOT THROUGH: ${error.message}${again}`);
       if (refused) this.#unheardStops.delete(robot);
-      else setTimeout(() => this.#insistOnStop(robot), STOP_AGAIN_MS);
+      else setTimeout(() => this.#insistOnStop(robot, turn), STOP_AGAIN_MS);
     }
   }
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import platform
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from revnm_server.camera.url import redact
 from revnm_server.checked_file import file_sha256
 from revnm_server.manifest import MANIFEST
+from revnm_server.report import installed_versions
 from revnm_server.settings import Settings
 
 FORMAT = "revnm run record 1"
@@ -36,6 +36,6 @@ def describe(settings: Settings, bundle: Path) -> dict[str, str]:
         "settings": json.dumps(told),
         "bundle": bundle.name,
         "bundle_manifest_sha256": file_sha256(bundle / MANIFEST),
-        "versions": json.dumps({"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}),
+        "versions": json.dumps({"python": platform.python_version(), **installed_versions(_PACKAGES)}),
         "machine": platform.machine(),
     }

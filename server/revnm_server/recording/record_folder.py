@@ -92,6 +92,8 @@ class RecordFolder:
             RecordingError: There is too little room without any of them, or the folder cannot be read.
         """
         kept = self.kept()
+        if self._free_bytes() + sum(record.size_bytes for record in kept) < self._least_free_bytes:
+            self.check_free()  # others fill the disk: to delete every record would not help
         while kept:
             taken = written_bytes + wanted_bytes + sum(record.size_bytes for record in kept)
             if taken <= self._quota_bytes and self._free_bytes() >= self._least_free_bytes:

@@ -72,6 +72,7 @@ class RecordReader:
     Attributes:
         about: What the first file says of the server.
         broken: Ticks whose picture or document is missing or malformed, so far.
+        early: Ticks at its beginning that heard what came before the record, and are passed over.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -84,7 +85,8 @@ class RecordReader:
             FileError: The first is no record of this program.
         """
         self._paths = paths
-        self.broken = 0
+        self.broken = self.early = 0
+        self._begun = False
         self.about = _about(paths[0])
 
     def ticks(self) -> Iterator[RecordedTick]:
@@ -121,6 +123,10 @@ class RecordReader:
         heard = tuple(gathered.heard(each) for each in document.heard)
         told = sum(len(each.odometry_ns) + len(each.scans_ns) for each in document.heard)
         found = sum(len(each.heard.odometry) + len(each.heard.scans) for each in heard)
+        self._begun |= told == found
+        if not self._begun:
+            self.early += 1
+            return
         yield RecordedTick(document, Frame(image, document.stamp_ns, document.seq), heard, told - found)
 
 

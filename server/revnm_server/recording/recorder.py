@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
 import zenoh
 
@@ -24,6 +25,7 @@ from revnm_server.view import RecordingView, ServerView
 logger = logging.getLogger(__name__)
 
 _MB, _GB = 1e6, 1e9
+_TURN_S = 5.0
 
 
 class Recorder:
@@ -90,21 +92,35 @@ class Recorder:
         Raises:
             RecordingError: Nothing can be recorded.
         """
-        with self._switching:
+        with self._switched():
             if self._recording is None or not self._recording.active:
                 self._leave()
                 self._begin()
             return self.view()
 
     def stop(self) -> RecordingView:
-        """End the record, if one is being written; return what became of it."""
-        with self._switching:
+        """End the record, if one is being written; return what became of it.
+
+        Raises:
+            RecordingError: The disk does not answer.
+        """
+        with self._switched():
             self._leave()
             return self.view()
 
     def close(self) -> None:
         """End the record."""
         self.stop()
+
+    @contextmanager
+    def _switched(self) -> Iterator[None]:
+        """Let one switch at a time, and none wait for ever: each is a thread of the HTTP server, as Stop needs one."""
+        if not self._switching.acquire(timeout=_TURN_S):
+            raise RecordingError("the record is being switched already, and its disk does not answer")
+        try:
+            yield
+        finally:
+            self._switching.release()
 
     def _begin(self) -> None:
         settings = self._settings

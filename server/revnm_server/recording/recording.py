@@ -105,7 +105,7 @@ class Recording:
             duration_s=round(time.monotonic() - self._began_s if lasted_s is None else lasted_s, 1),
             messages=self._before + self._file.messages,
             dropped=self._queue.dropped + self._tap.overflows,
-            refused=self._scribe.refused,
+            refused=self._scribe.refused + self._tap.oversized,
             reason=self._reason,
         )
 
@@ -125,8 +125,8 @@ class Recording:
             self._fail(f"{type(error).__name__}: {error}")
             self._file.abandon()
         finally:
-            self._tap.close()
             self._lasted_s = time.monotonic() - self._began_s
+            self._tap.close()
 
     def _write_all(self) -> None:
         housekeeping_s = self._began_s
@@ -169,8 +169,12 @@ class Recording:
         self._folder.make_room(written_bytes=0, wanted_bytes=self._rotation.most_bytes)
         try:
             file = RecordFile(path, about=self._about, topics=self._scribe.topics)
+        except OSError as error:
+            raise RecordingError(f"{path}: {error.strerror or error}") from error
+        try:
             self._scribe.begin(file, at_ns=time.time_ns())
         except OSError as error:
+            file.abandon()
             raise RecordingError(f"{path}: {error.strerror or error}") from error
         self._file_until_s = time.monotonic() + self._rotation.most_s
         return file

@@ -19,6 +19,7 @@ from revnm_server.recording.topics import Topic
 
 _WAITING = 500  # samples of a key: 5 s at 100 Hz
 _MOST_OFF_NS = 10_000_000_000
+_LARGEST_BYTES = 262_144  # a scan of 8,192 beams with intensities has a quarter of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +61,12 @@ class WireTap:
 
     Attributes:
         overflows: How often a ring was found full: samples may have been lost then.
+        oversized: Samples that were left out because no message of theirs is so large.
     """
 
     def __init__(self, session: zenoh.Session, robots: Iterable[str]) -> None:
         self.overflows = 0
+        self.oversized = 0
         self._sources = [
             (robot, topic, LatestSubscriber(session, key, waiting=_WAITING))
             for robot in robots
@@ -77,7 +80,9 @@ class WireTap:
         for robot, topic, subscriber in self._sources:
             samples = subscriber.drain()
             self.overflows += len(samples) >= _WAITING
-            found += [_entry(robot, topic, sample, now_ns) for sample in samples]
+            small = [sample for sample in samples if len(sample.payload) <= _LARGEST_BYTES]
+            self.oversized += len(samples) - len(small)
+            found += [_entry(robot, topic, sample, now_ns) for sample in small]
         return found
 
     def close(self) -> None:

@@ -22,6 +22,7 @@ from revnm_server.speed.room import (
     WALLS,
     Room,
 )
+from revnm_server.tag.family import CELLS, RIM_CELLS, upright_cells
 
 Picture = NDArray[np.uint8]
 
@@ -29,7 +30,6 @@ _FLOOR, _WALL, _BODY = (150, 140, 128), (196, 196, 188), (60, 62, 70)
 _COLOURS = ((170, 90, 70), (90, 120, 160), (120, 150, 90), (160, 140, 80), (110, 100, 140), (90, 150, 150))
 _SIDE_SHADE, _FRONT_SHADE = 0.6, 0.8
 _NOISE = 4.0
-_CELLS = 8  # of a tag, its black border included, the white rim not
 
 
 class RoomPainter:
@@ -92,15 +92,14 @@ def _fill(picture: Picture, points_m: FloatArray, colour: tuple[int, int, int], 
 
 
 def _tag(number: int) -> Picture:
-    """Return a tag's cells (10, 10) with its white rim, upright as the AprilTag library prints it."""
-    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    cells = np.rot90(cv2.aruco.generateImageMarker(family, number, _CELLS), 2)  # OpenCV's stand upside down
-    return np.asarray(np.pad(cells, 1, constant_values=255), dtype=np.uint8)
+    """Return a tag's cells (10, 10) with its white rim, its upper edge at the robot's front."""
+    cells = 255 * upright_cells(number).astype(np.uint8)
+    return np.pad(cells, RIM_CELLS, constant_values=255)
 
 
 def _paint_tag(picture: Picture, cells: Picture, pose: Pose2) -> None:
     """Paint a tag on a robot's top: its upper edge lies forward."""
-    rim_m = TAG_SIZE_M * (_CELLS + 2) / _CELLS
+    rim_m = TAG_SIZE_M * (CELLS + 2 * RIM_CELLS) / CELLS
     corners_m = pose.apply(_outline(rim_m, rim_m)[[0, 3, 2, 1]])  # front left, front right, rear right, rear left
     pixels, _ = CAMERA.project(np.column_stack([corners_m, np.full(4, TAG_HEIGHT_M)]))
     left, top = np.clip(np.floor(pixels.min(axis=0)).astype(int) - 1, 0, CAMERA.size_px)
@@ -108,7 +107,7 @@ def _paint_tag(picture: Picture, cells: Picture, pose: Pose2) -> None:
     if right <= left or bottom <= top:
         return
     side = float(np.linalg.norm(pixels - np.roll(pixels, 1, axis=0), axis=1).max())
-    cell_px = max(2, round(side / _CELLS))  # about one texel a pixel
+    cell_px = max(2, round(side / CELLS))  # about one texel a pixel
     texture = np.kron(cells, np.ones((cell_px, cell_px), dtype=np.uint8))
     reach = len(texture) - 0.5
     source = np.array([[-0.5, -0.5], [reach, -0.5], [reach, reach], [-0.5, reach]], dtype=np.float32)

@@ -161,7 +161,7 @@ def _draw_notes(canvas: Canvas, sheet: Sheet, left: float, top: float) -> None:
     canvas.setFont("Helvetica", 3.4)
     size_m = f"{sheet.size_mm / 1e3:g}"
     lines = (
-        f"The size is that of the black square, from edge to edge: {sheet.size_mm:g} mm. The white rim is part of it.",
+        f"The size, {sheet.size_mm:g} mm, is that of the black square, from edge to edge, without the white rim.",
         "Print at 100 %, not fitted to the page. Cut at the marks. Matt paper, flat on a stiff plate.",
         f"Settings:  robots: {{rover: {sheet.tag_id}}}     perception: {{tag_size_m: {size_m}}}",
     )
