@@ -82,7 +82,7 @@ class ZenohCamera:
 def redact(url: str) -> str:
     """Return the address without user, password and the values of its query, or of a path that looks like one.
 
-    Some cameras want ``rtsp://HOST/user=admin&password=…``.
+    Some cameras want ``rtsp://HOST/user=admin&password=…``, some recorders ``rtsps://HOST/KEY``.
     """
     scheme, mark, rest = url.partition("://")
     try:
@@ -98,6 +98,7 @@ def redact(url: str) -> str:
     path, query = parts.path, parts.query
     if parts.scheme not in ("file", "v4l2"):
         path = re.sub(r"=[^&;/]*", f"={_HIDDEN}", path)
+        path = re.sub(r"(?<=/)[A-Za-z0-9]{16,}(?=/|$)", _HIDDEN, path)
         query = "&".join(f"{item.partition('=')[0]}={_HIDDEN}" for item in query.split("&")) if query else ""
     return parts._replace(netloc=netloc, path=path, query=query).geturl()
 
