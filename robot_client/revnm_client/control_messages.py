@@ -17,7 +17,7 @@ from revnm_client.messages import Plan
 
 MAX_STATE_FIELDS = 40
 _MAX_REASON_LENGTH = 256
-_LARGEST_NUMBER = 2.0**63
+_LARGEST_INT = 2**63
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,8 +173,8 @@ def _check_state_field(key: str, value: Any) -> None:
         validate.name(value, what=key, max_length=_MAX_REASON_LENGTH)
     elif value is not None and not isinstance(value, int | float):
         raise MessageError(f"{key} is {value!r:.80}: expected text, a number, true, false or null")
-    elif value is not None and abs(value) > _LARGEST_NUMBER:  # an int can have more digits than a float can hold
-        raise MessageError(f"{key} is larger than {_LARGEST_NUMBER:g}")
+    elif isinstance(value, int) and abs(value) > _LARGEST_INT:  # it can have more digits than a float can hold
+        raise MessageError(f"{key}: expected an integer of 64 bits")
 
 
 def decode_state(payload: bytes) -> dict[str, Scalar]:
