@@ -1,4 +1,4 @@
-"""Calls the HTTP API of a server that runs; for the other commands of ``revnm-server``."""
+"""Calls the HTTP API of a server that runs; for other commands, and for the simulator's demo."""
 
 from __future__ import annotations
 
@@ -45,22 +45,33 @@ class ServerAddress:
         return cls(f"{scheme}://{host}:{settings.port}", token, settings.certificate)
 
 
-def call(address: ServerAddress, method: Literal["GET", "POST"], path: str, *, within_s: float = 2.0) -> Any:
-    """Call ``/api/v1/<path>`` and return the answer's JSON document.
+def call(
+    address: ServerAddress, method: Literal["GET", "POST", "PUT"], path: str, *, body: Any = None, within_s: float = 2.0
+) -> Any:
+    """Return the JSON document that the server answers with.
+
+    Args:
+        address: The server.
+        method: What to do...
+        path: ...with what, such as ``/api/v1/state``.
+        body: Is sent as JSON; None sends nothing.
+        within_s: Longest wait for the answer.
 
     Raises:
         ConfigError: The URL is none of HTTP, or the certificate cannot be read.
         NoServerError: Nothing listens there.
         LinkError: What answers refuses, or is no server of ours.
     """
-    url = f"{address.url.rstrip('/')}/api/v1/{path}"
+    url = f"{address.url.rstrip('/')}{path}"
     if not url.startswith(("http://", "https://")):
         raise ConfigError(f"{address.url}: expected http://HOST:PORT or https://HOST:PORT")
     if address.token is not None and not (address.token.isascii() and address.token.isalnum()):
         raise ConfigError("the token: expected ASCII letters and digits only")
     headers = {"Authorization": f"Bearer {address.token}"} if address.token else {}
     try:
-        request = urllib.request.Request(url, method=method, headers=headers)  # noqa: S310 - checked above
+        data = json.dumps(body).encode() if body is not None else None
+        headers |= {"Content-Type": "application/json"} if data is not None else {}
+        request = urllib.request.Request(url, data, headers, method=method)  # noqa: S310 - checked above
         with _opener(address).open(request, timeout=within_s) as answer:
             return json.loads(answer.read())
     except urllib.error.HTTPError as error:

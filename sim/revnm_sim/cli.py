@@ -9,11 +9,22 @@ import sys
 import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
+from importlib import import_module
 
 from revnm_client.errors import LinkError, RevnmError
 
 _DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 _INTERRUPTED = 130
+_MEASURES = {
+    "bench": ("methods against each other in closed loop", "bench.command"),
+    "world": ("draw a world, or check it against measurements", "world_command"),
+    "lift": ("measure the map that the server makes of the camera's depth", "lift_command"),
+    "raycast": ("measure how fast exact depth images are made", "raycast_command"),
+    "tags": ("measure how small a tag is found, how exactly, and what is taken for one", "tag_command"),
+    "calibration": ("measure how well a camera calibrates itself", "calibration_command"),
+    "viewers": ("measure what many who look at the page cost the server", "viewers_command"),
+    "camera": ("measure how the server's camera reader bears faults", "camera_command"),
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -36,53 +47,12 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True)
     _add_run(commands.add_parser("run", help="simulate robot and camera in real time until Ctrl-C"))
     _add_demo(commands.add_parser("demo", help="simulator, server and robot on this machine"))
-    bench = commands.add_parser("bench", help="methods against each other in closed loop")
-    if words[:1] == ["bench"]:  # its imports take seconds that the other commands need not wait
-        from revnm_sim.bench import command
-
-        command.add_arguments(bench)
-        bench.set_defaults(run=command.run)
-    world = commands.add_parser("world", help="draw a world, or check it against measurements")
-    if words[:1] == ["world"]:
-        from revnm_sim import world_command
-
-        world_command.add_arguments(world)
-    lift = commands.add_parser("lift", help="measure the map that the server makes of the camera's depth")
-    if words[:1] == ["lift"]:
-        from revnm_sim import lift_command
-
-        lift_command.add_arguments(lift)
-        lift.set_defaults(run=lift_command.run)
-    raycast = commands.add_parser("raycast", help="measure how fast exact depth images are made")
-    if words[:1] == ["raycast"]:
-        from revnm_sim import raycast_command
-
-        raycast_command.add_arguments(raycast)
-        raycast.set_defaults(run=raycast_command.run)
-    tags = commands.add_parser("tags", help="measure how small a tag is found, how exactly, and what is taken for one")
-    if words[:1] == ["tags"]:
-        from revnm_sim import tag_command
-
-        tag_command.add_arguments(tags)
-        tags.set_defaults(run=tag_command.run)
-    calibration = commands.add_parser("calibration", help="measure how well a camera calibrates itself")
-    if words[:1] == ["calibration"]:
-        from revnm_sim import calibration_command
-
-        calibration_command.add_arguments(calibration)
-        calibration.set_defaults(run=calibration_command.run)
-    viewers = commands.add_parser("viewers", help="measure what many who look at the page cost the server")
-    if words[:1] == ["viewers"]:
-        from revnm_sim import viewers_command
-
-        viewers_command.add_arguments(viewers)
-        viewers.set_defaults(run=viewers_command.run)
-    camera = commands.add_parser("camera", help="measure how the server's camera reader bears faults")
-    if words[:1] == ["camera"]:
-        from revnm_sim import camera_command
-
-        camera_command.add_arguments(camera)
-        camera.set_defaults(run=camera_command.run)
+    for name, (text, module) in _MEASURES.items():
+        command = commands.add_parser(name, help=text)
+        if words[:1] == [name]:  # the imports of one take seconds that the others need not wait
+            imported = import_module(f"revnm_sim.{module}")
+            imported.add_arguments(command)
+            command.set_defaults(run=imported.run)
     return parser
 
 

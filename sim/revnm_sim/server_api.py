@@ -1,13 +1,11 @@
-"""The few calls of the server's HTTP interface that the demo makes."""
+"""The few calls of the server's HTTP interface that demo and measurements make."""
 
 from __future__ import annotations
 
-import json
-import urllib.error
-import urllib.request
 from typing import Any
 
 from revnm_client.errors import LinkError
+from revnm_server.api_client import ServerAddress, call
 
 _TIMEOUT_S = 5.0
 
@@ -16,12 +14,12 @@ class ServerApi:
     """A client of one server at a base URL such as ``http://127.0.0.1:8000``."""
 
     def __init__(self, base_url: str) -> None:
-        self._base_url = base_url
+        self._address = ServerAddress(base_url)
 
     def not_ready(self) -> str | None:
         """Return why the server is not ready, or None if it is."""
         try:
-            self._call("GET", "/readyz")
+            call(self._address, "GET", "/readyz", within_s=_TIMEOUT_S)
         except LinkError as error:
             return str(error)
         return None
@@ -32,7 +30,7 @@ class ServerApi:
         Raises:
             LinkError: The server does not answer, or refuses.
         """
-        document: dict[str, Any] = self._call("GET", "/api/v1/state")
+        document: dict[str, Any] = call(self._address, "GET", "/api/v1/state", within_s=_TIMEOUT_S)
         return document
 
     def set_goal(self, robot: str, *, u: float, v: float) -> None:
@@ -41,28 +39,5 @@ class ServerApi:
         Raises:
             LinkError: The server does not answer, or refuses.
         """
-        self._call("PUT", f"/api/v1/robots/{robot}/goal", {"u": u, "v": v})
-
-    def _call(self, method: str, path: str, body: dict[str, float] | None = None) -> Any:
-        request = urllib.request.Request(  # noqa: S310 - the address is made by the demo itself
-            self._base_url + path,
-            method=method,
-            data=None if body is None else json.dumps(body).encode(),
-            headers={"Content-Type": "application/json"},
-        )
-        try:
-            with urllib.request.urlopen(request, timeout=_TIMEOUT_S) as reply:  # noqa: S310
-                return json.loads(reply.read())
-        except urllib.error.HTTPError as error:
-            with error:
-                raise LinkError(f"{method} {path}: {error.code}: {_detail(error.read())}") from error
-        except (OSError, ValueError) as error:
-            raise LinkError(f"{method} {self._base_url}{path}: {error}") from error
-
-
-def _detail(problem: bytes) -> str:
-    """Return what a problem document (RFC 9457) says."""
-    try:
-        return str(json.loads(problem)["detail"])
-    except (ValueError, KeyError, TypeError):
-        return problem[:200].decode(errors="replace")
+        path = f"/api/v1/robots/{robot}/goal"
+        call(self._address, "PUT", path, body={"u": u, "v": v}, within_s=_TIMEOUT_S)

@@ -33,11 +33,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     show.add_argument("world", metavar="NAME|PATH", help=_WORLD_HELP)
     show.add_argument("--seed", type=int, default=0, help="which world of a generated family, and camera (default: 0)")
     show.add_argument("--out", type=Path, metavar="FILE.png", help="default: NAME.png in this folder")
-    show.set_defaults(run=_show)
+    show.set_defaults(act=_show)
     check = actions.add_parser("check", help="compare a world with a measured layout; exit status 1 if they differ")
     check.add_argument("world", metavar="FILE", help=_WORLD_HELP)
     check.add_argument("--against", type=Path, required=True, metavar="JSON", help="the measured layout")
-    check.set_defaults(run=_check)
+    check.set_defaults(act=_check)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draw or check; return 0, or 1 where a world differs from its layout."""
+    return int(args.act(args))
 
 
 def _show(args: argparse.Namespace) -> int:

@@ -15,7 +15,6 @@ import zenoh
 from fastapi import FastAPI
 from pydantic import SecretStr
 
-from revnm_client.link import open_router
 from revnm_server.api import create_application
 from revnm_server.api.health import health_router
 from revnm_server.api.shared_state import SharedState
@@ -45,12 +44,6 @@ class Api:
                 return await client.request(method, path, **options)
 
         return asyncio.run(once())
-
-
-@pytest.fixture
-def router() -> Iterator[zenoh.Session]:
-    with open_router(["tcp/127.0.0.1:0"]) as session:
-        yield session
 
 
 @pytest.fixture

@@ -49,27 +49,27 @@ def test_a_certificate_that_an_authority_issued_is_trusted_by_itself(tiny_bundle
     settings = load_settings(overrides=overrides)
     with running_server(settings):
         address = ServerAddress.of(settings.http)
-        assert call(address, "GET", "session") == {"role": "operator"}
+        assert call(address, "GET", "/api/v1/session") == {"role": "operator"}
         with pytest.raises(LinkError, match="certificate"):
-            call(ServerAddress(address.url, TOKEN), "GET", "session")
+            call(ServerAddress(address.url, TOKEN), "GET", "/api/v1/session")
         with pytest.raises(LinkError, match="answers 401: a token is needed"):
-            call(ServerAddress(address.url, "wrong" * 4, address.certificate), "GET", "session")
+            call(ServerAddress(address.url, "wrong" * 4, address.certificate), "GET", "/api/v1/session")
 
 
 def test_nothing_follows_a_redirect(elsewhere: str) -> None:
     with pytest.raises(LinkError, match="answers 302"):
-        call(ServerAddress(elsewhere, TOKEN), "GET", "state")
+        call(ServerAddress(elsewhere, TOKEN), "GET", "/api/v1/state")
 
 
 def test_where_nothing_listens_that_is_told_apart() -> None:
     with pytest.raises(NoServerError):
-        call(ServerAddress(f"http://127.0.0.1:{free_port()}"), "GET", "state")
+        call(ServerAddress(f"http://127.0.0.1:{free_port()}"), "GET", "/api/v1/state")
 
 
 @pytest.mark.parametrize("token", ["two\nlines", "grün", "a b"])
 def test_a_token_that_cannot_be_one_is_not_shown(token: str) -> None:
     with pytest.raises(ConfigError, match="letters and digits") as caught:
-        call(ServerAddress("http://127.0.0.1:1", token), "GET", "state")
+        call(ServerAddress("http://127.0.0.1:1", token), "GET", "/api/v1/state")
     assert token not in str(caught.value)
 
 

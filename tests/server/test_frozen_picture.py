@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pytest
 import zenoh
 from numpy.typing import NDArray
 
-from revnm_client.link import open_client, open_router
+from revnm_client.link import open_client
 from revnm_server.camera.content import FIRST_HOLD_S, FROZEN_AFTER_S, ContentWatch, digest
 from revnm_server.camera.pyav_reader import PyavReader
 from revnm_server.camera.url import NetworkCamera, parse_camera_url
@@ -18,7 +16,6 @@ from revnm_server.mission import Mission
 from revnm_server.service import NavigationService
 from revnm_sim.rtsp_server import RtspServer, filming
 
-from .free_port import free_port
 from .service_parts import FakePipeline, RobotEnd
 from .waiting import eventually
 
@@ -105,17 +102,6 @@ def test_a_stream_that_pauses_is_not_frozen_when_it_goes_on() -> None:
     clock.watch.note_motion(None, clock.now_s)
     clock.run(1.0, moves=False)
     assert not clock.frozen
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return f"tcp/127.0.0.1:{free_port()}"
-
-
-@pytest.fixture
-def router(endpoint: str) -> Iterator[zenoh.Session]:
-    with open_router([endpoint]) as session:
-        yield session
 
 
 def test_a_frozen_camera_gives_no_plan_while_its_robot_drives(

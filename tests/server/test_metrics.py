@@ -8,7 +8,6 @@ import zenoh
 from prometheus_client import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
-from revnm_client.link import open_router
 from revnm_server.camera import open_camera
 from revnm_server.metrics import metrics_registry
 from revnm_server.mission import Mission
@@ -18,12 +17,6 @@ from .service_parts import CameraFeed, FakePipeline, RobotEnd
 from .waiting import eventually
 
 Samples = dict[tuple[str, frozenset[tuple[str, str]]], float]
-
-
-@pytest.fixture
-def router() -> Iterator[zenoh.Session]:
-    with open_router(["tcp/127.0.0.1:0"]) as session:
-        yield session
 
 
 @pytest.fixture

@@ -30,7 +30,6 @@ from revnm_client.cdr import (
 )
 from revnm_client.control_messages import encode_state
 from revnm_client.errors import ConfigError
-from revnm_client.link import open_router
 from revnm_client.messages import Plan, Velocity
 from revnm_server.camera.jpeg import decode_jpeg
 from revnm_server.ports import Heard
@@ -54,12 +53,6 @@ from .recording_parts import (
     scan,
 )
 from .waiting import eventually
-
-
-@pytest.fixture
-def router() -> Iterator[zenoh.Session]:
-    with open_router(["tcp/127.0.0.1:0"]) as session:
-        yield session
 
 
 def written(made: Recorder, count: int) -> None:

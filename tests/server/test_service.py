@@ -13,30 +13,18 @@ import zenoh
 
 from revnm_client import keys
 from revnm_client.control_messages import TimeRequest, decode_time_reply, encode_time_request
-from revnm_client.link import open_client, open_router
+from revnm_client.link import open_client
 from revnm_server.camera import CameraSource, open_camera
 from revnm_server.frame import RobotSighting
 from revnm_server.mission import Mission
 from revnm_server.service import NavigationService
 from revnm_server.view import RobotView, path_in_picture
 
-from .free_port import free_port
 from .service_parts import WAYPOINTS, CameraFeed, FakePipeline, RobotEnd
 from .waiting import eventually
 
 SIZE = (320, 240)
 StartService = Callable[..., NavigationService]
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return f"tcp/127.0.0.1:{free_port()}"
-
-
-@pytest.fixture
-def router(endpoint: str) -> Iterator[zenoh.Session]:
-    with open_router([endpoint]) as session:
-        yield session
 
 
 @pytest.fixture

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 import zenoh
 
-from revnm_client.link import open_router
 from revnm_server.camera import open_camera
 from revnm_server.mission import Mission
 from revnm_server.service import NavigationService
@@ -17,12 +14,6 @@ from revnm_server.service import NavigationService
 from .recording_parts import read, recorder, records
 from .service_parts import CameraFeed, FakePipeline, RobotEnd
 from .waiting import eventually
-
-
-@pytest.fixture
-def router() -> Iterator[zenoh.Session]:
-    with open_router(["tcp/127.0.0.1:0"]) as session:
-        yield session
 
 
 def test_the_recorder_sees_what_the_service_does(router: zenoh.Session, tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def _running_view(http: HttpSettings) -> ServerView | None:
         LinkError: Something answers that is no server of ours, or does not take the token.
     """
     try:
-        return TypeAdapter(ServerView).validate_python(call(ServerAddress.of(http), "GET", "state"))
+        return TypeAdapter(ServerView).validate_python(call(ServerAddress.of(http), "GET", "/api/v1/state"))
     except NoServerError:
         return None
     except ValidationError as error:

@@ -50,9 +50,9 @@ def run(options: argparse.Namespace) -> int:
         return _bench(options.out, options.seconds)
     address = ServerAddress(options.server, _token(options.token_file), options.certificate)
     if options.action == "status":
-        record = call(address, "GET", "recording", within_s=_TIMEOUT_S)
+        record = call(address, "GET", "/api/v1/recording", within_s=_TIMEOUT_S)
     else:
-        record = call(address, "POST", f"recording/{options.action}", within_s=_TIMEOUT_S)
+        record = call(address, "POST", f"/api/v1/recording/{options.action}", within_s=_TIMEOUT_S)
     print(_described(record))
     return 1 if options.action == "status" and record["reason"] else 0
 
