@@ -16,6 +16,7 @@ from revnm_client.geometry import FloatArray
 from revnm_client.messages import Scan
 from revnm_server.calibration.calibrator import CalibrationState, Calibrator
 from revnm_server.calibration.keeper import CalibrationKeeper
+from revnm_server.calibration.keyframes import TagMount
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.map_beliefs import MapBeliefs
@@ -26,6 +27,7 @@ from revnm_server.ports import DisparitySource, GoalPixel, Senses, SightingSourc
 from revnm_server.site_map import SiteMap
 from revnm_server.site_report import SiteReport, SiteRoute
 from revnm_server.stage_checks import check_array, timed
+from revnm_server.tag_places import tag_corners
 
 logger = logging.getLogger(__name__)
 
@@ -72,6 +74,7 @@ class MapPipeline:
         self._navigator: MapNavigator
         self._site: SiteMap
         self._last_seen: dict[str, RobotSighting] = {}
+        self._expected: dict[str, FloatArray] = {}
         self._last_scans: dict[str, Scan] = {}
         self._threads = ThreadPoolExecutor(max_workers=2, thread_name_prefix="beside-tick")
         self._thought: Future[_Thought] | None = None
@@ -105,6 +108,7 @@ class MapPipeline:
             with timed(timings_ms, "map"):
                 self._hear(frame.size_px)  # and what came since: the newest odometry tells best where the robots were
                 tick = self._navigator.step(frame.stamp_ns, disparity, sightings, goals)
+        self._expected = _expected_tags(tick, self._shape.mount)
         if self._keeper is not None:
             self._offer(self._keeper, frame.size_px)
         self._thought = self._threads.submit(self._think, tick, disparity, frame.stamp_ns)
@@ -156,7 +160,8 @@ class MapPipeline:
 
     def _see_robots(self, frame: Frame) -> list[RobotSighting]:
         """Return the robots that are seen now, and remember for a while where they were."""
-        now = [sighting for sighting in self._tags.sightings(frame) if sighting.robot in self._senses]
+        seen = self._tags.sightings(frame, self._expected)
+        now = [sighting for sighting in seen if sighting.robot in self._senses]
         self._last_seen |= {sighting.robot: sighting for sighting in now}
         self._last_seen = {
             robot: sighting
@@ -208,6 +213,15 @@ class MapPipeline:
             self._resized = None
         trouble = self._keeper.trouble if self._keeper is not None else None
         return tuple(text for text in (self._resized, trouble) if text is not None)
+
+
+def _expected_tags(tick: NavigatorTick, mount: TagMount) -> dict[str, FloatArray]:
+    """Return about where the corners (4, 2) of the robots' tags are in the next picture, seen or hidden."""
+    camera = tick.calibration.camera
+    if camera is None:
+        return {}
+    found = {robot: tag_corners(camera, place, mount) for robot, place in tick.places.items()}
+    return {robot: corners for robot, corners in found.items() if corners is not None}
 
 
 def _site_route(route: MapRoute, camera: FloorCamera | None) -> SiteRoute:

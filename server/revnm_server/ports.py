@@ -5,7 +5,7 @@ Stages import this module and never each other. Symbols: R robots, N frames of h
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -126,8 +126,11 @@ class DisparitySource(Protocol):
 class SightingSource(Protocol):
     """Sees where the robots are."""
 
-    def sightings(self, frame: Frame) -> list[RobotSighting]:
-        """Return the robots that are visible in this picture, at most one sighting per robot."""
+    def sightings(self, frame: Frame, expected: Mapping[str, FloatArray] | None = None) -> list[RobotSighting]:
+        """Return the robots that are visible in this picture, at most one sighting per robot.
+
+        ``expected`` tells about where the corners (4, 2) of their tags should be, seen or hidden, by robot.
+        """
         ...
 
 

@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 from revnm_client.geometry import FloatArray
 from revnm_server.tag.library import Detection, Gray, Region, TagLibrary, whole_picture
-from revnm_server.tag.regions import SEARCHES, region_around, search_region
+from revnm_server.tag.regions import WORK_PX, Look, looks, region_around
 from revnm_sim.tag_clutter import TAG_FREE
 from revnm_sim.tag_picture import TagPicture
 from revnm_sim.tag_scene import DIFFICULTIES, Difficulty, TagScene, tag_scene, taken
@@ -32,6 +32,7 @@ _FOLLOWED_PX = (14, 20, 40, 120)  # sides of tags
 _TAG_ID = 3
 _AROUND_TAG_PX = (208, 160)  # pictures with a tag
 _TAG_FREE_PX = (320, 240)
+_MARGIN_SIDES = 0.55  # around a tag, as it is at ten pictures a second
 _STEP_SIDES = 0.2  # how far a tag moves from picture to picture, at most, in its sides
 _NEAR_PX = 3.0  # a detection farther off has found something else
 _WORLDS_EVERY = 20  # drawing one takes ten times as long as any other picture
@@ -89,7 +90,7 @@ def _look(
     for library in libraries:
         seen = [found[library.name, mode].add(library.detect(region), scene) for mode, region in regions.items()]
         found[library.name, "first_sighting"].hits.append(any(seen))
-        around = region_around(pictures["search_enlarged"], last)
+        around = region_around(pictures["search_enlarged"], last, margin_sides=_MARGIN_SIDES)
         found[library.name, "follow"].add(library.detect(around), scene)
 
 
@@ -115,14 +116,14 @@ def _detection_row(level: str, side_px: int, library: str, mode: str, found: _Fo
 
 
 def time_rows(libraries: Sequence[TagLibrary], *, pictures: int, seed: int) -> Iterator[dict[str, Any]]:
-    """Yield the time that each kind of search, and following one tag, takes in cluttered pictures of medium noise."""
+    """Yield what a piece of each kind of search, and following one tag, take in cluttered pictures of medium noise."""
     rng = np.random.default_rng(seed)
     conditions = list(itertools.product(SIZES_PX, _FOLLOWED_PX))
     for size_px, side_px in tqdm(conditions, desc="times", unit=" conditions"):
         scenes = [_shown(size_px, side_px, rng) for _ in range(pictures)]
         ways: dict[str, Callable[[_Shown, int], Region]] = {f"follow_{side_px}_px": _followed}
         if side_px == _FOLLOWED_PX[0]:
-            ways |= {f"search_{name}": partial(_searched, kind=kind) for kind, name in enumerate(SEARCHES)}
+            ways |= {f"search_{look.name}": partial(_searched, look=look) for look in looks(size_px, WORK_PX)}
         for library, (way, cut) in itertools.product(libraries, ways.items()):
             times_ms = [_detect_ms(library, cut, shown, number) for number, shown in enumerate(scenes)]
             yield _time_row(size_px, library.name, way, times_ms)
@@ -141,12 +142,12 @@ def _shown(size_px: tuple[int, int], side_px: int, rng: np.random.Generator) -> 
     return _Shown(scene.taken(difficulty, rng), scene.corners)
 
 
-def _searched(shown: _Shown, number: int, *, kind: int) -> Region:
-    return search_region(shown.gray, len(SEARCHES) * number + kind)
+def _searched(shown: _Shown, number: int, *, look: Look) -> Region:
+    return look.piece(shown.gray, number)
 
 
 def _followed(shown: _Shown, number: int) -> Region:
-    return region_around(shown.gray, shown.corners + float(number % 3) - 1.0)
+    return region_around(shown.gray, shown.corners + float(number % 3) - 1.0, margin_sides=_MARGIN_SIDES)
 
 
 def _detect_ms(library: TagLibrary, cut: Callable[[_Shown, int], Region], shown: _Shown, number: int) -> float:

@@ -6,7 +6,7 @@ from revnm_server.frame import Frame, RobotSighting
 from revnm_server.tag import TagDetector, open_tag_library
 from revnm_server.tag.choice import LibraryName
 
-CYCLE = 18  # searches until every part of a picture was looked at in every way
+CYCLE = 18  # at most so many pictures until every part of one of 640 × 480 was looked at in every way
 
 
 def detector_with(name: LibraryName, tag_ids: dict[int, str]) -> TagDetector:

@@ -20,7 +20,7 @@ def test_tags_are_found_where_the_robots_are() -> None:
     tags = {"r0": 4, "r1": 5, "r2": 6}
     frame = RoomPainter(tags).frame(room)
     detector = TagDetector({number: robot for robot, number in tags.items()})
-    seen = {each.robot: each for _ in range(6) for each in detector.sightings(frame)}  # two searches of the whole
+    seen = {each.robot: each for _ in range(16) for each in detector.sightings(frame)}
     assert set(seen) == {"r0", "r1"}
     for robot in room.robots[:2]:
         points = np.array([[*robot.pose.apply(np.array([x, 0.0])), TAG_HEIGHT_M] for x in (0.0, 0.01)])

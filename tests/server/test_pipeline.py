@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,7 +58,7 @@ class Truth:
         ramp[frame.stamp_ns // (100 * MS) % DISPARITY_HW[0]] = 3.0
         return ramp
 
-    def sightings(self, frame: Frame) -> list[RobotSighting]:
+    def sightings(self, frame: Frame, expected: Mapping[str, FloatArray] | None = None) -> list[RobotSighting]:
         return [
             RobotSighting(name, frame.stamp_ns, np.array(pixel), np.array(UP), np.zeros((4, 2)))
             for name, pixel in self.robots.items()

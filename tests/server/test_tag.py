@@ -20,6 +20,7 @@ from .tag_scene import blur_and_noise, draw_tag, floor, frame_of, picture_from_t
 ROVER, SCOUT = 3, 7
 CORNERS = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])  # front left, … with y forward
 SMALL = (320, 240)
+S = 1_000_000_000
 PLAIN = np.full((240, 320), 128, np.uint8)
 
 pytestmark = pytest.mark.parametrize("name", LIBRARIES)
@@ -90,7 +91,7 @@ def test_a_robot_is_followed_across_the_picture(name: LibraryName) -> None:
     detector = detector_with(name, {ROVER: "rover"})
     for k in range(25):
         homography = picture_from_tag(centre=(60 + 22 * k, 400 - 14 * k), side_px=34 - 0.4 * k, turn_rad=0.2 * k)
-        frame = frame_of(blur_and_noise(draw_tag(floor(2), ROVER, homography), k), stamp_ns=k)
+        frame = frame_of(blur_and_noise(draw_tag(floor(2), ROVER, homography), k), stamp_ns=k * 300_000_000)
         sightings = [first_sighting(detector, frame)] if k == 0 else detector.sightings(frame)
         (sighting,) = sightings
         _assert_matches(sighting, homography)
@@ -104,6 +105,28 @@ def test_a_robot_that_was_carried_away_is_found_again(name: LibraryName) -> None
     assert detector.sightings(frame_of(floor(size=SMALL))) == []
     frame = frame_of(draw_tag(floor(size=SMALL), ROVER, there))
     _assert_matches(first_sighting(detector, frame), there)
+
+
+def test_a_hidden_robot_is_seen_at_once_where_it_is_expected(name: LibraryName) -> None:
+    detector = detector_with(name, {ROVER: "rover"})
+    here, there = (picture_from_tag(centre=(x, 120), side_px=16, turn_rad=0.4) for x in (60, 250))
+    first_sighting(detector, frame_of(draw_tag(PLAIN, ROVER, here)))
+    corners = project(there, CORNERS) + np.array([6.0, -5.0])
+    hidden = frame_of(PLAIN, stamp_ns=2 * S)
+    assert detector.sightings(hidden, {"rover": corners}) == []
+    frame = frame_of(draw_tag(PLAIN, ROVER, there), stamp_ns=3 * S)
+    (seen,) = detector.sightings(frame, {"rover": corners})
+    _assert_matches(seen, there)
+
+
+def test_a_robot_that_is_seen_is_followed_whatever_is_expected(name: LibraryName) -> None:
+    detector = detector_with(name, {ROVER: "rover"})
+    homography = picture_from_tag(centre=(80, 120), side_px=40, turn_rad=0.4)
+    gray, elsewhere = draw_tag(PLAIN, ROVER, homography), np.array([[250.0, 50], [270, 50], [270, 70], [250, 70]])
+    first_sighting(detector, frame_of(gray))
+    for k in range(1, 4):
+        (seen,) = detector.sightings(frame_of(gray, stamp_ns=k * S // 10), {"rover": elsewhere})
+        _assert_matches(seen, homography)
 
 
 def test_a_second_robot_is_found_while_the_first_is_followed(name: LibraryName) -> None:

@@ -12,7 +12,7 @@ from revnm_server.tag import TagDetector, TagLibrary, open_tag_library
 from revnm_server.tag.choice import LIBRARIES, LibraryName
 from revnm_server.tag.family import TAGS
 from revnm_server.tag.library import Region, whole_picture
-from revnm_server.tag.regions import region_around, search_region
+from revnm_server.tag.regions import WORK_PX, looks, region_around
 
 from .tag_libraries import CYCLE, detector_with, first_sighting
 from .tag_scene import draw_tag, floor, frame_of, picture_from_tag, project
@@ -44,20 +44,23 @@ def test_a_library_refuses_parts_that_its_code_dies_of(name: LibraryName, hw: tu
 
 def test_a_last_place_beyond_the_picture_leaves_an_empty_part(name: LibraryName) -> None:
     gray = np.zeros((240, 320), np.uint8)
-    region = region_around(gray, np.array([[900.0, 900.0], [920.0, 900.0], [920.0, 920.0], [900.0, 920.0]]))
+    outside = np.array([[900.0, 900.0], [920.0, 900.0], [920.0, 920.0], [900.0, 920.0]])
+    region = region_around(gray, outside, margin_sides=1.8)
     assert region.gray.size == 0
     assert open_tag_library(name).library.detect(region) == []
 
 
-def test_a_tag_is_found_in_a_strip_wherever_the_strips_are_cut(name: LibraryName) -> None:
-    library = open_tag_library(name).library
-    for row in range(20, 220, 8):
-        homography = picture_from_tag(centre=(160, row), side_px=20, turn_rad=0.7)
-        gray = draw_tag(PLAIN, ROVER, homography)
-        strips = [search_region(gray, number) for number in range(CYCLE) if number % 3 == 2]
-        middles = [each.pixel for strip in strips for each in library.detect(strip)]
-        assert middles
-        np.testing.assert_allclose(middles, np.tile([160, row], (len(middles), 1)), atol=0.5)
+def test_a_tag_is_found_where_it_is_wherever_the_pieces_are_cut(name: LibraryName) -> None:
+    across, down = looks(SMALL, WORK_PX)[-1].pieces(SMALL)
+    assert across * down > 1
+    for k in range(14):
+        middle = 20 + 20 * k, 20 + 14 * k
+        detector = detector_with(name, {ROVER: "rover"})
+        gray = draw_tag(PLAIN, ROVER, picture_from_tag(centre=middle, side_px=20, turn_rad=0.7))
+        elsewhere = {"other": CORNERS}  # somebody is expected somewhere: pieces are small
+        seen = [each.pixel for _ in range(CYCLE) for each in detector.sightings(frame_of(gray), elsewhere)]
+        assert seen
+        np.testing.assert_allclose(seen, np.tile(middle, (len(seen), 1)), atol=0.5)
 
 
 @pytest.mark.parametrize(("width_px", "side_px"), [(64, 24), (1280, 24), (160, 130)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,7 +59,7 @@ class Room:
         depth = overlay_depth(self._background, CAMERA, robot_primitive(self._poses[frame.stamp_ns], SPEC))
         return 3.0 * disparity_from_depth(depth) + np.float32(0.7)
 
-    def sightings(self, frame: Frame) -> list[RobotSighting]:
+    def sightings(self, frame: Frame, expected: Mapping[str, FloatArray] | None = None) -> list[RobotSighting]:
         if self.hidden:
             return []
         stamp_ns = frame.stamp_ns

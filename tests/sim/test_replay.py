@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from tests.server.recording_parts import VIEW, read, records
 
 from revnm_client import keys
 from revnm_client.cdr import encode_odometry, encode_scan
+from revnm_client.geometry import FloatArray
 from revnm_client.link import open_router
 from revnm_client.messages import Scan
 from revnm_server.bundle import default_bundle_path
@@ -48,7 +50,7 @@ class Remembered:
             self._disparities[frame.stamp_ns] = self._room.disparity(frame)
         return self._disparities[frame.stamp_ns]
 
-    def sightings(self, frame: Frame) -> list[RobotSighting]:
+    def sightings(self, frame: Frame, expected: Mapping[str, FloatArray] | None = None) -> list[RobotSighting]:
         if frame.stamp_ns not in self._sightings:
             self._sightings[frame.stamp_ns] = self._room.sightings(frame)
         return self._sightings[frame.stamp_ns]

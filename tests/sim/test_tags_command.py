@@ -19,7 +19,7 @@ def test_every_measure_has_rows(tmp_path, capsys) -> None:
     assert main(["tags", *options]) == 0
     rows = json.loads((tmp_path / "report.json").read_text())["rows"]
     times = [row for row in rows if row["measure"] == "time"]
-    assert {(row["width_px"], row["mode"]) for row in times} >= {(640, "search_strip"), (1920, "follow_20_px")}
+    assert {(row["width_px"], row["mode"]) for row in times} >= {(640, "search_enlarged"), (1920, "follow_20_px")}
     assert all(row["p95_cpu_ms"] >= row["p50_cpu_ms"] > 0.0 for row in times)
     free = [row for row in rows if row["measure"] == "wrong_ids"]
     assert sum(row["pictures"] for row in free) == 5

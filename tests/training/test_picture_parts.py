@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -81,7 +81,7 @@ class Scene:
     def disparity(self, frame: Frame) -> Image32:
         return np.random.default_rng(frame.seq).random(SMALL_HW, dtype=np.float32)
 
-    def sightings(self, frame: Frame) -> list[RobotSighting]:
+    def sightings(self, frame: Frame, expected: Mapping[str, FloatArray] | None = None) -> list[RobotSighting]:
         heading = np.array([0.6, 0.8])
         return [
             RobotSighting(robot, frame.stamp_ns, np.array([20.0 + 3 * k, 30.0]), heading, np.zeros((4, 2)))

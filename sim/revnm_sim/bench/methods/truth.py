@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from revnm_client.geometry import FloatArray
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.observation import Image32
 from revnm_sim.bench.methods.pose import KeptSightings
@@ -33,7 +35,11 @@ class TrueSightings:
     def __init__(self, scenario: Scenario, simulation: Simulation) -> None:
         self._kept = KeptSightings(scenario, simulation)
 
-    def sightings(self, frame: Frame) -> list[RobotSighting]:
+    def sightings(
+        self,
+        frame: Frame,
+        expected: Mapping[str, FloatArray] | None = None,  # noqa: ARG002
+    ) -> list[RobotSighting]:
         """Return the robot; nothing before it was seen first."""
         found = self._kept.sighting(frame.stamp_ns)
         return [] if found is None else [found]
