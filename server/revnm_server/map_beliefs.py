@@ -31,9 +31,11 @@ from revnm_server.observation import (
 from revnm_server.ports import BeliefRequest, EgoDepth, EgoRequest, FloorPolicy
 from revnm_server.site_map import SiteMap
 from revnm_server.stage_checks import check_array, timed
+from revnm_server.turns import Turns
 from revnm_server.way import at_lengths
 
 _STEP_M = 0.01
+_AT_ONCE = 4  # robots a picture: with 16 at five pictures a second each is judged anew every 0.8 s
 
 
 class MapBeliefs:
@@ -49,11 +51,12 @@ class MapBeliefs:
             tag_height_m: Of the robots' tags over the floor.
         """
         self._spec, self._exo2ego, self._policy, self._tag_m = spec, exo2ego, policy, tag_height_m
+        self._turns, self._egos = Turns(_AT_ONCE), dict[str, Image32]()
 
     def renew(
         self, tick: NavigatorTick, site: SiteMap, disparity: Image32, stamp_ns: int, timings_ms: dict[str, float]
     ) -> dict[str, Image32]:
-        """Let the policy judge the floor around each robot that follows a way on the map, for the next plan.
+        """Let the policy judge the floor around robots that follow a way, for the next plan; many robots take turns.
 
         Args:
             tick: What the navigator made of the picture.
@@ -63,12 +66,14 @@ class MapBeliefs:
             timings_ms: Takes the durations of ``exo2ego`` and ``policy``.
 
         Returns:
-            The ego depth (ego_px, ego_px) of those robots.
+            The ego depth (ego_px, ego_px) of all such robots, of their last turn.
         """
         camera, grid = tick.calibration.camera, tick.grid
         led = [robot for robot, route in tick.routes.items() if route.way_m is not None and route.aim_m is not None]
         if camera is None or grid is None or not led:
+            self._egos = {}
             return {}
+        led, before = self._turns.next(led), {robot: self._egos[robot] for robot in led if robot in self._egos}
         with timed(timings_ms, "exo2ego"):
             egos = self._imagine(led, tick.places, camera, grid, site, disparity, stamp_ns)
         with timed(timings_ms, "policy"):
@@ -80,7 +85,8 @@ class MapBeliefs:
                 ]
             )
         site.believe([(each, tick.places[robot]) for robot, each in zip(led, occupied, strict=True)], stamp_ns)
-        return dict(zip(led, egos, strict=True))
+        self._egos = before | dict(zip(led, egos, strict=True))
+        return self._egos
 
     def _imagine(
         self,

@@ -19,7 +19,7 @@ import numpy as np
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Odometry, Scan
 from revnm_server.calibration.calibrator import CalibrationState, Calibrator
-from revnm_server.calibration.keyframes import Keyframe, TagMount, Travel
+from revnm_server.calibration.keyframes import DRIVES_OF_A_ROBOT, Keyframe, TagMount, Travel
 from revnm_server.calibration.odometry_track import OdometryTrack
 from revnm_server.first_steps import StepSettings, first_steps
 from revnm_server.floor_grid import FloorGrid
@@ -32,8 +32,9 @@ from revnm_server.ports import GoalPixel
 from revnm_server.scan_trail import PastScan, ScanTrail
 from revnm_server.site_map import Reframed, SiteMap
 from revnm_server.tag_plane import TagPlane
+from revnm_server.turns import Turns
 
-_DRIVES_OF_A_ROBOT = 1_000_000
+_SEARCHES = 2  # ways a tick that are looked for only because it is time
 _ARRIVED_M = 0.2
 _SEARCHING = "the robot should be at its goal, but the camera does not see it there: looking around"
 _BEYOND = "the robot is beyond the map: it is led straight towards it"
@@ -148,10 +149,11 @@ class MapNavigator:
         self._calibrator, self._site = calibrator, site
         self._steps = steps or StepSettings()
         self._robots = {
-            name: _Robot(shape, OdometryTrack(index * _DRIVES_OF_A_ROBOT), MapPlanner(planner or PlannerSettings()))
+            name: _Robot(shape, OdometryTrack(index * DRIVES_OF_A_ROBOT), MapPlanner(planner or PlannerSettings()))
             for index, (name, shape) in enumerate(robots.items())
         }
         self._untaught: list[Keyframe] = []
+        self._turns = Turns(_SEARCHES)
         self.learn()  # places the map in a calibration that was kept
 
     def hear_odometry(self, robot: str, odometry: Odometry) -> None:
@@ -192,8 +194,11 @@ class MapNavigator:
         places = self._places(stamp_ns)
         self._see(stamp_ns, disparity, places)
         grid = self._site.grid(stamp_ns)
+        believed = self._site.believed_grid(grid, stamp_ns) if grid is not None and goals else None
+        searching = self._turns.next(goals)
         routes = {
-            robot: self._route(robot, goal, stamp_ns, places.get(robot), state, grid) for robot, goal in goals.items()
+            robot: self._route(robot, goal, stamp_ns, places.get(robot), state, believed, has_turn=robot in searching)
+            for robot, goal in goals.items()
         }
         return NavigatorTick(routes, places, grid, state)
 
@@ -203,8 +208,7 @@ class MapNavigator:
         The map's frame may change: what was said of it with :meth:`step` must be used before, and nothing beside.
         """
         untaught, self._untaught = self._untaught, []
-        for frame in untaught:
-            self._calibrator.observe(frame)
+        self._calibrator.observe(*untaught)
         state = self._calibrator.state
         reframed = self._site.recalibrate(state) if state.camera is not None else None
         if reframed is not None:
@@ -255,6 +259,8 @@ class MapNavigator:
         place: Pose2 | None,
         state: CalibrationState,
         grid: FloorGrid | None,
+        *,
+        has_turn: bool,
     ) -> MapRoute:
         each = self._robots[robot]
         if each.sighting is None:
@@ -276,8 +282,7 @@ class MapNavigator:
         target_m = each.search.target_m(goal.id, goal_m, np.array(place[:2]), hidden_m=hidden_m, stamp_ns=stamp_ns)
         if target_m is None:
             return MapRoute(None, None, "the camera sees the robot nowhere near its goal", goal_m)
-        believed = self._site.believed_grid(grid, stamp_ns)
-        plan = each.planner.plan(believed, place, target_m, goal_id=goal.id, stamp_ns=stamp_ns)
+        plan = each.planner.plan(grid, place, target_m, goal_id=goal.id, stamp_ns=stamp_ns, has_turn=has_turn)
         reason = plan.reason or self._site.reason
         if each.search.searching:
             reason = _SEARCHING

@@ -82,7 +82,14 @@ class MapPlanner:
             self._kept = self._kept.carried(onto)
 
     def plan(
-        self, grid: FloorGrid, map_from_robot: Pose2, goal_m: FloatArray, *, goal_id: str, stamp_ns: int
+        self,
+        grid: FloorGrid,
+        map_from_robot: Pose2,
+        goal_m: FloatArray,
+        *,
+        goal_id: str,
+        stamp_ns: int,
+        has_turn: bool = True,
     ) -> MapPlan:
         """Plan from where the robot is now.
 
@@ -92,6 +99,7 @@ class MapPlanner:
             goal_m: (2,) metres, frame of the map; outside of the grid it is approached through the border.
             goal_id: A new one drops the kept way.
             stamp_ns: When all this was so, nanoseconds; any clock. If it runs backwards, the way is looked for anew.
+            has_turn: Without it a way that is due to be looked for, and no more, waits.
         """
         robot_m, settings = np.array(map_from_robot[:2]), self._settings
         kept, on_way = self._kept, None
@@ -99,6 +107,7 @@ class MapPlanner:
             serves = kept.serves(goal_id, goal_m, robot_m, settings.keep)
             kept = kept.followed(robot_m, goal_m) if serves else None
         due = kept is None or not 0 <= stamp_ns - kept.searched_ns < settings.period_s * 1e9
+        due = due and (has_turn or kept is None or kept.way_m is None)
         if kept is not None and not due and kept.way_m is not None:
             # What a way costs depends on the floor about it alone.
             about = grid.around(np.concatenate([robot_m[None], kept.way_m]), settings.cost.inflation_m + _BESIDE_M)

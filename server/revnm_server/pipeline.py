@@ -63,7 +63,7 @@ class TickResult:
         sightings: Every robot that was seen recently, goal or not; ``stamp_ns`` says when.
         disparity: (h, w) in [0, 1], the whole picture.
         ego_depths: (ego_px, ego_px) in [−1, 1] of each robot that got a plan; where plans are made on the map, with
-            the picture before.
+            the picture before, or with the one of its last turn where there are many robots.
         timings_ms: Duration of the stages ``depth``, ``tag``, ``exo2ego`` and ``policy``, and of the ``tick``, from
             picture to plans. Where plans are made on the map, there are the stages ``map``, a part of which runs beside
             the depth network, and ``learn``, of the camera; exo2ego, policy and learn are those of the picture before:

@@ -7,9 +7,10 @@ import pytest
 
 from revnm_client.geometry import Pose2
 from revnm_server.calibration.calibrator import Calibrator
+from revnm_server.calibration.keyframes import DRIVES_OF_A_ROBOT, Keyframe, Travel
 from revnm_server.floor_camera import FloorCamera
 from revnm_sim.calibration_command import measure
-from revnm_sim.calibration_course import SIZE_PX, Learner, Moment, drive, random_camera
+from revnm_sim.calibration_course import MOUNT, SIZE_PX, Learner, Moment, drive, random_camera
 
 
 def test_half_a_metre_with_corners_is_enough():
@@ -56,6 +57,31 @@ def test_it_knows_how_far_it_is():
     assert learner.calibrator.state.status == "good"
     assert spreads[0] > 3 * spreads[-1]
     assert learner.calibrator.state.progress == 1.0
+
+
+def test_none_of_many_robots_loses_its_place():
+    rng, count = np.random.default_rng(8), 30
+    camera, calibrator = random_camera(rng), Calibrator(SIZE_PX)
+    drives = [drive(camera, rng, 0.6) for _ in range(count)]
+    travels = [Travel(moments[0].odom_from_robot) for moments in drives]
+    for number in range(13):
+        moments = [each[number] for each in drives]
+        travels = [each.on(moment.odom_from_robot) for each, moment in zip(travels, moments, strict=True)]
+        calibrator.observe(
+            *(
+                Keyframe(moment.pixel, moment.heading, moment.corners, travel, MOUNT, robot * DRIVES_OF_A_ROBOT)
+                for robot, (moment, travel) in enumerate(zip(moments, travels, strict=True))
+            )
+        )
+    places = [calibrator.floor_from_robot(each, robot * DRIVES_OF_A_ROBOT) for robot, each in enumerate(travels)]
+    assert None not in places
+    apart_m = [
+        math.dist(place[:2], moments[12].floor_from_robot[:2])
+        for place, moments in zip(places, drives, strict=True)
+        if place is not None
+    ]
+    assert np.median(apart_m) < 0.3
+    assert calibrator.state.keyframes == 2 * count
 
 
 def test_one_wrong_sighting_changes_nothing():

@@ -84,6 +84,22 @@ def test_between_searches_the_kept_way_is_followed_and_its_end_follows_the_goal(
     assert length_m(later.way_m) == pytest.approx(length_m(first.way_m) - 1.0, abs=0.2)
 
 
+def test_without_a_turn_a_way_that_is_due_waits_unless_it_is_blocked_or_there_is_none():
+    kept_by, grid = planner(), floor(12.0, 10.0, *TWO_GAPS)
+    first = kept_by.plan(grid, START, GOAL, goal_id="a", stamp_ns=0, has_turn=False)
+    assert first.way_m is not None
+    low = y_at(first, 6.1) < 5.0
+    near = (5.0, 2.6, 5.6, 3.5) if low else (5.0, 6.5, 5.6, 7.4)  # not in the way, but in the gap's mouth
+    dearer = floor(12.0, 10.0, *TWO_GAPS, near, p=0.9)
+    waiting = kept_by.plan(dearer, START, GOAL, goal_id="a", stamp_ns=5 * HALF_S, has_turn=False)
+    np.testing.assert_allclose(waiting.way_m, first.way_m, atol=1e-4)
+    at_last = kept_by.plan(dearer, START, GOAL, goal_id="a", stamp_ns=5 * HALF_S, has_turn=True)
+    assert at_last.cost < waiting.cost - 0.2
+    blocked = floor(12.0, 10.0, *TWO_GAPS, (6.0, 2.5, 6.2, 3.5) if low else (6.0, 6.5, 6.2, 7.5))
+    after = kept_by.plan(blocked, START, GOAL, goal_id="a", stamp_ns=6 * HALF_S, has_turn=False)
+    assert (y_at(after, 6.1) < 5.0) != low
+
+
 def test_between_searches_a_way_costs_what_it_costs_on_the_whole_map():
     """Only the floor about the way is looked at then; what stands beside it and far from it must tell the same."""
     beside, far = (4.0, 3.6, 4.4, 4.4), (11.5, 0.5, 11.8, 0.8)

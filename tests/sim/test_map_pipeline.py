@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from revnm_server.floor_map import MapSpec
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.kept_way import Carry
 from revnm_server.map_beliefs import MapBeliefs
+from revnm_server.map_navigator import MapRoute, NavigatorTick
 from revnm_server.map_pipeline import MapPipeline, way_in_picture
 from revnm_server.map_planner import MapPlanner
 from revnm_server.map_window import WindowSpec, map_window
@@ -183,9 +184,9 @@ class Together:
         assert self._looked.wait(20.0), "nobody looks for tags while the depth network runs"
         return self._room.disparity(frame)
 
-    def sightings(self, frame: Frame) -> Sequence[RobotSighting]:
+    def sightings(self, frame: Frame, expected: Mapping[str, FloatArray] | None = None) -> Sequence[RobotSighting]:
         self._looked.set()
-        return self._room.sightings(frame)
+        return self._room.sightings(frame, expected)
 
 
 def test_tags_are_found_while_the_depth_network_runs() -> None:
@@ -261,7 +262,7 @@ def test_a_tag_detector_that_fails_leaves_no_depth_network_running() -> None:
             finally:
                 running.release()
 
-        def sightings(self, frame: Frame) -> list[RobotSighting]:
+        def sightings(self, frame: Frame, expected: Mapping[str, FloatArray] | None = None) -> list[RobotSighting]:
             raise ContractError("no tags")
 
     both = Blind()
@@ -317,6 +318,22 @@ def test_a_policy_sees_the_way_the_map_and_what_the_robot_would_see() -> None:
     assert ego.prior.shape == (2, SPEC.ego_px, SPEC.ego_px)
 
 
+def test_of_many_robots_a_few_are_judged_at_a_time_and_all_in_turn() -> None:
+    networks = Scripted()
+    beliefs = MapBeliefs(SPEC, exo2ego=networks, policy=networks, tag_height_m=SHAPE.mount.height_m)
+    tick, site, disparity = many_led(9)
+    judged, shown = [], []
+    for stamp_ns in range(5):
+        shown.append(set(beliefs.renew(tick, site, disparity, stamp_ns, {})))
+        judged.append([request.robot for request in networks.egos])
+    assert [len(each) for each in judged] == [4] * 5
+    assert set().union(*judged[:3]) == set(tick.routes)
+    assert (len(shown[0]), len(shown[1])) == (4, 8)
+    assert shown[2] == set(tick.routes)  # of their last turn
+    waiting = replace(tick, routes={"r0": tick.routes["r0"]})
+    assert set(beliefs.renew(waiting, site, disparity, 5, {})) == {"r0"}
+
+
 def test_the_robot_arrives_with_a_policy_that_believes_the_best_and_with_one_that_believes_the_worst() -> None:
     for belief in (0.0, 1.0):
         networks = Scripted(belief)
@@ -331,6 +348,20 @@ def test_the_robot_arrives_with_a_policy_that_believes_the_best_and_with_one_tha
 
 def calibrated(camera: FloorCamera, *, restarts: int = 0) -> CalibrationState:
     return CalibrationState("good", camera, np.zeros((5, 5)), 0.0, 0.0, 1.0, 9, 3.0, None, restarts)
+
+
+def many_led(count: int) -> tuple[NavigatorTick, SiteMap, Image32]:
+    """Robots beside each other on a map, all on their ways, and what the camera sees."""
+    site, room = SiteMap(SIZE_PX, HW), Room()
+    room.odometry(0)
+    disparity = room.disparity(Frame(np.zeros((480, 640, 3), np.uint8), 0, 0))
+    state = calibrated(CAMERA_BELIEF)
+    site.recalibrate(state)
+    site.see(0, disparity, (), ())
+    way_m = np.column_stack([np.arange(4.0, 8.0, 0.05), np.zeros(80)])
+    route = MapRoute(np.zeros((5, 2)), way_m, "", way_m[-1], aim_m=way_m[-1])
+    places = {f"r{number}": Pose2(4.0, 0.3 * number, 0.0) for number in range(count)}
+    return NavigatorTick(dict.fromkeys(places, route), places, site.grid(0), state), site, disparity
 
 
 def believing_site() -> tuple[SiteMap, FloorGrid]:

@@ -122,16 +122,25 @@ class Calibrator:
             status, camera, belief.covariance, one, two, misfit, len(frames), travel_m, self._event, self._restarts
         )
 
-    def observe(self, frame: Keyframe) -> None:
-        """Take a sighting, whose drive's earlier ones came before it."""
+    def observe(self, *frames: Keyframe) -> None:
+        """Take sightings, such as all robots' in one picture; a drive's earlier ones came before."""
+        taken = [self._takes(frame) for frame in frames]
+        if any(taken):
+            self._adjust()
+
+    def _takes(self, frame: Keyframe) -> bool:
+        """Return whether a sighting is a keyframe from now on."""
         if self._contradicts(frame):
             self._doubt(frame)
-            return
+            return False
         self._doubts[frame.drive] = 0
         if not self._frames.wants(frame):
-            return
-        self._state = None
+            return False
         self._frames.add(frame)
+        return True
+
+    def _adjust(self) -> None:
+        self._state = None
         self._solve()
         if self._solution is not None and self._solution.misfit > _BAD_MISFIT and len(self._frames.frames) >= 6:
             self._start_over("the sightings fit no camera at this place: learning it anew", wide_prior())

@@ -16,7 +16,8 @@ from revnm_client.geometry import FloatArray, Pose2, wrap_angle
 
 _APART_M = 0.10
 _APART_RAD = math.radians(12.0)
-_RECENT = 4  # of a drive's newest keyframes none is dropped: they carry the robot's place
+_RECENT = 4  # of the keyframes of the drive that was seen last none of the newest is dropped
+DRIVES_OF_A_ROBOT = 1_000_000  # each robot's drives are numbered from a multiple of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +89,7 @@ class KeyframeSet:
     """The keyframes in use, oldest first, those of a drive in the order of time.
 
     Attributes:
-        limit: Most keyframes that are kept.
+        limit: Most keyframes that are kept; with many robots twice their number.
     """
 
     limit: int = 24
@@ -105,7 +106,7 @@ class KeyframeSet:
     def add(self, frame: Keyframe) -> None:
         """Take a keyframe; drop the one that is missed least if there are too many."""
         self.frames.append(frame)
-        if len(self.frames) > self.limit:
+        if len(self.frames) > max(self.limit, 2 * len(self._last_of_robots())):
             del self.frames[self._least_missed()]
 
     def last_of(self, drive: int) -> Keyframe | None:
@@ -119,6 +120,10 @@ class KeyframeSet:
             ways.setdefault(frame.drive, []).append(frame.travel.way_m)
         return sum(way[-1] - way[0] for way in ways.values())
 
+    def _last_of_robots(self) -> list[int]:
+        """Return the indices of each robot's newest keyframe: none is dropped, it carries the robot's place."""
+        return list({frame.drive // DRIVES_OF_A_ROBOT: i for i, frame in enumerate(self.frames)}.values())
+
     def _least_missed(self) -> int:
         """Return the index of the keyframe that lies nearest to another one in the picture and in heading."""
         newest = self.frames[-1].drive
@@ -127,7 +132,7 @@ class KeyframeSet:
         apart = np.linalg.norm(spots[:, None] - spots, axis=-1)
         np.fill_diagonal(apart, np.inf)
         loneliness = np.sort(apart, axis=1)[:, :2].sum(axis=1)
-        loneliness[recent] = np.inf
+        loneliness[[*recent, *self._last_of_robots()]] = np.inf
         return int(loneliness.argmin())
 
 
