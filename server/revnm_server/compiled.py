@@ -62,4 +62,6 @@ def tuple_of(*members: Any) -> Any:
 
 def named_tuple_of(kind: type, *members: Any) -> Any:
     """Return the type of a named tuple."""
+    if len(set(members)) == 1:
+        return types.NamedUniTuple(members[0], len(members), kind)  # type: ignore[no-untyped-call]
     return types.NamedTuple(members, kind)  # type: ignore[no-untyped-call]

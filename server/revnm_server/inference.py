@@ -127,8 +127,11 @@ def _session_options(threads: int) -> Any:
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = _LOG_FATAL_ONLY  # errors come as exceptions
-    # Idle threads that spin would take the cores from the camera's decoder and from the other models.
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    # Threads spin between the operators of a run, since to wake one takes as long as a small operator; and no longer:
+    # idle threads that spin would take the cores from the camera's decoder and from the other models.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "1")
+    options.add_session_config_entry("session.force_spinning_stop", "1")
+    options.add_session_config_entry("session.dynamic_block_base", "4")  # a thread that was held up gets less to do
     return options
 
 

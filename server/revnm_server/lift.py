@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from revnm_server.floor_bend import Bend, CosineField, fit_bend
 from revnm_server.floor_fit import FloorLine, fit_floor
 from revnm_server.floor_view import FloorView
-from revnm_server.lift_kernels import slopes
+from revnm_server.lift_kernels import Rays, placed, slopes
 from revnm_server.observation import Image32
 from revnm_server.stage_checks import check_shape
 
@@ -97,7 +97,7 @@ class FloorLifter:
         self._spec = spec or LiftSpec()
         self._line: FloorLine | None = None
         self._below_horizon = view.nearness > 1.0 / FARTHEST_M
-        self._floor_depth = 1.0 / np.maximum(view.nearness, np.float32(_LEAST_NEARNESS))
+        self._floor_depth = np.asarray(1.0 / np.maximum(view.nearness, np.float32(_LEAST_NEARNESS)), dtype=np.float32)
         self._height = np.float32(view.camera.height_m)
         self._cosines = CosineField(view.hw)
         first = _STRIDE // 2
@@ -138,18 +138,11 @@ class FloorLifter:
         noise_step = np.float32(_NOISE_STEP * line.nearness_sigma)
         across, down = (max(steep * self._floor_step, noise_step) for steep in (_STEEP_ACROSS, _STEEP_DOWN))
         usable = usable & ~slopes(nearness, across, down)
-        in_range = usable & (nearness > 1.0 / FARTHEST_M)
-        depth = 1.0 / np.maximum(nearness, np.float32(_LEAST_NEARNESS))
-        height = self._height * (1.0 - depth * view.nearness)
-        tolerance = self._tolerance_m(line)
-        obstacle = in_range & (height > tolerance)
-        floor = usable & self._below_horizon & ~obstacle
-        floor &= (tolerance < spec.most_tolerance_m) & (height > -2.0 * tolerance)
-        depth = np.where(floor, self._floor_depth, depth)
-        grade = np.clip(height / tolerance - 1.0, -1.0, 1.0)
-        grade *= obstacle | floor
-        kind = floor.astype(np.uint8) + np.uint8(Kind.OBSTACLE) * obstacle.astype(np.uint8)
-        return Lifted(kind, depth * view.ray_x, depth * view.ray_y, height, grade, line, bend.rms)
+        tolerance_m = self._tolerance_m(line)
+        rays = Rays(view.nearness, self._floor_depth, tolerance_m, self._below_horizon, view.ray_x, view.ray_y)
+        farthest, most_m = np.float32(1.0 / FARTHEST_M), np.float32(spec.most_tolerance_m)
+        seen = placed(nearness, usable, rays, self._height, farthest, np.float32(_LEAST_NEARNESS), most_m)
+        return Lifted(*seen, line, bend.rms)
 
     def _tolerance_m(self, line: FloorLine) -> Image32:
         """Return the tolerance (h, w): at the floor, dheight / dnearness = camera height · depth of the floor."""

@@ -5,16 +5,24 @@ Numbers are float32, as the pictures are.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import boolean, float32, int64
+from numba import boolean, float32, int64, uint8
 from numpy.typing import NDArray
 
-from revnm_server.compiled import IMAGE, LINE, MASK, compiled
+from revnm_server.compiled import IMAGE, LINE, MASK, compiled, named_tuple_of, tuple_of
 from revnm_server.observation import Image32
 
 _ON = np.float32(2.0)  # tolerances
 _BELOW = np.float32(-2.5)  # what is so far below a line speaks against it
 _EVEN = np.float32(0.25)  # of a step, by which it may differ from the next on a plane, by noise
+
+_UNDER = np.float32(-2.0)  # tolerances; what lies so far under the floor is none
+_ONE, _ZERO = np.float32(1.0), np.float32(0.0)
+
+FLOOR, OBSTACLE = 1, 2
+"""Kinds of pixels, as of :class:`revnm_server.lift.Kind`."""
 
 BoolImage = NDArray[np.bool_]
 Flat32 = NDArray[np.float32]
@@ -90,3 +98,70 @@ def slopes(nearness: Image32, least_across: np.float32, least_down: np.float32) 
             if down[column] and not found[row, column]:
                 found[row, column] = _bends(flat, pixel, width, row, height)
     return found
+
+
+class Rays(NamedTuple):
+    """What a calibration says about every pixel, each (h, w).
+
+    Attributes:
+        nearness: float32, of the floor, 1/m.
+        floor_m: float32, depth of the floor along the view.
+        tolerance_m: float32, what rises less over the floor is floor.
+        below: bool, whether floor may be seen there.
+        x: float32, how far along x a ray goes for each metre of depth along the view.
+        y: float32, the same along y.
+    """
+
+    nearness: Image32
+    floor_m: Image32
+    tolerance_m: Image32
+    below: BoolImage
+    x: Image32
+    y: Image32
+
+
+_RAYS = named_tuple_of(Rays, IMAGE, IMAGE, IMAGE, MASK, IMAGE, IMAGE)
+_PLACED = tuple_of(uint8[:, ::1], IMAGE, IMAGE, IMAGE, IMAGE)
+
+
+@compiled(_PLACED, IMAGE, MASK, _RAYS, float32, float32, float32, float32)
+def placed(
+    nearness: Image32,
+    usable: BoolImage,
+    rays: Rays,
+    camera_m: np.float32,
+    farthest: np.float32,
+    least: np.float32,
+    most_tolerance_m: np.float32,
+) -> tuple[NDArray[np.uint8], Image32, Image32, Image32, Image32]:
+    """Return kind, places along x and y, height and grade, each (h, w), as of :class:`revnm_server.lift.Lifted`.
+
+    Args:
+        nearness: (h, w), of what is seen, 1/m.
+        usable: (h, w), where that is so.
+        rays: Of the pixels.
+        camera_m: Height of the camera.
+        farthest: Nearness beyond which nothing is said of what stands.
+        least: Nearness that counts as none.
+        most_tolerance_m: Where the tolerance is wider, what looks like floor is unknown.
+    """
+    kind = np.zeros(nearness.shape, dtype=np.uint8)
+    x, y = np.empty_like(nearness), np.empty_like(nearness)
+    height, grade = np.empty_like(nearness), np.empty_like(nearness)
+    rows, columns = nearness.shape
+    for row in range(rows):
+        for column in range(columns):
+            near, tolerance = nearness[row, column], rays.tolerance_m[row, column]
+            depth = _ONE / max(near, least)
+            above = camera_m * (_ONE - depth * rays.nearness[row, column])
+            seen = usable[row, column]
+            stands = seen and near > farthest and above > tolerance
+            lies = seen and rays.below[row, column] and not stands
+            lies = lies and tolerance < most_tolerance_m and above > _UNDER * tolerance
+            depth = rays.floor_m[row, column] if lies else depth
+            x[row, column], y[row, column] = depth * rays.x[row, column], depth * rays.y[row, column]
+            height[row, column] = above
+            sure = min(max(above / tolerance - _ONE, -_ONE), _ONE)
+            grade[row, column] = sure if stands or lies else _ZERO
+            kind[row, column] = OBSTACLE if stands else FLOOR if lies else 0
+    return kind, x, y, height, grade

@@ -2,7 +2,7 @@
 
 A grid of log-odds of its own, in the frame of the camera's map. The LiDAR measures to the centimetre, in the plane of
 its beams: a hit overrules the camera, a free beam speaks against it, but what is lower than the beams is the camera's
-alone to see, so that free beams do not erase what the camera is sure of. Imports numpy only.
+alone to see, so that free beams do not erase what the camera is sure of.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from revnm_client.messages import Scan
 from revnm_server.floor_grid import FloorGrid
 from revnm_server.floor_map import MapSpec
 from revnm_server.observation import Image32
+from revnm_server.scan_kernels import Fan, Middles, Window, fused, passed
 
 _BoolGrid = NDArray[np.bool_]
 
@@ -62,7 +63,8 @@ class ScanMemory:
         self._grid = grid
         self._spec = spec or ScanSpec()
         middles = grid.middles_m()
-        self._x, self._y = middles[0, :, 0].astype(np.float32), middles[:, 0, 1].astype(np.float32)
+        x_m, y_m = middles[0, :, 0].astype(np.float32), middles[:, 0, 1].astype(np.float32)
+        self._middles = Middles(x_m, y_m, np.float32(grid.cell_m))
         self.forget()
 
     def forget(self) -> None:
@@ -82,12 +84,13 @@ class ScanMemory:
         """
         self._decay(stamp_s)
         window = self._around(floor_from_robot)
-        hit = self._hits(scan, floor_from_robot)[window]
-        passed = self._passed(scan, floor_from_robot, window) & ~hit
-        logit = self._logit[window]
-        logit += np.float32(times * self._spec.hit_logit) * hit - np.float32(times * self._spec.free_logit) * passed
+        part = slice(window.top, window.bottom), slice(window.left, window.right)
+        hit = self._hits(scan, floor_from_robot)[part]
+        free = passed(self._fan(scan, floor_from_robot), self._middles, window) & ~hit
+        logit = self._logit[part]
+        logit += np.float32(times * self._spec.hit_logit) * hit - np.float32(times * self._spec.free_logit) * free
         np.clip(logit, -self._spec.most_free_logit, self._spec.most_hit_logit, out=logit)
-        self._seen_s[window][hit | passed] = stamp_s
+        self._seen_s[part][hit | free] = stamp_s
 
     @property
     def probability(self) -> Image32:
@@ -106,14 +109,10 @@ class ScanMemory:
             camera: The map of the last picture; it is not changed.
             stamp_s: Now, on the clock of the pictures.
         """
-        seen = np.clip(camera.obstacle, 1e-3, 1.0 - 1e-3)
-        logit = np.log(seen / (1.0 - seen)) + self._logit
-        hit = self.met
-        free = self._logit <= -self._spec.sure_logit
-        logit = np.where(hit, np.maximum(logit, self._logit), logit)
-        obstacle = np.asarray(1.0 / (1.0 + np.exp(-logit)), dtype=np.float32)
-        age = np.minimum(camera.age_s, (stamp_s - self._seen_s).astype(np.float32))
-        return FloorGrid(camera.origin_m, camera.cell_m, obstacle, camera.floor | free, age)
+        layers = fused(
+            camera.obstacle, camera.floor, camera.age_s, self._logit, self._seen_s, self._spec.sure_logit, stamp_s
+        )
+        return FloorGrid(camera.origin_m, camera.cell_m, *layers)
 
     def _decay(self, stamp_s: float) -> None:
         elapsed = stamp_s - self._stamp_s
@@ -133,36 +132,19 @@ class ScanMemory:
         hit[cells[inside, 0], cells[inside, 1]] = True
         return hit
 
-    def _passed(self, scan: Scan, pose: Pose2, window: tuple[slice, slice]) -> _BoolGrid:
-        """Return through which cells of a window of the grid beams went, near their middles."""
-        rows, columns = window
-        x, y = self._x[columns] - np.float32(pose.x_m), self._y[rows, None] - np.float32(pose.y_m)
-        distance = np.hypot(x, y)
-        angle = np.arctan2(y, x) - np.float32(pose.yaw_rad + scan.angle_min_rad)
-        beams = angle / np.float32(scan.angle_increment_rad)
-        turn = np.float32(math.tau / abs(scan.angle_increment_rad))
-        beams -= turn * np.floor(beams / turn)  # in [0, turn], however the beams go round
-        nearest = np.rint(beams)
-        aside = np.abs(beams - nearest) * np.float32(abs(scan.angle_increment_rad)) * distance
-        free_to = self._free_m(scan)
-        index = nearest.astype(np.intp)
-        if len(free_to) > turn - 1.5:
-            index[index == len(free_to)] = 0
-        inside = (index >= 0) & (index < len(free_to))
-        reach = free_to[np.where(inside, index, 0)]
-        passed: _BoolGrid = inside & (aside <= 0.5 * self._grid.cell_m) & (distance < reach)
-        return passed
+    def _fan(self, scan: Scan, pose: Pose2) -> Fan:
+        first_rad, step_rad = np.float32(pose.yaw_rad + scan.angle_min_rad), np.float32(scan.angle_increment_rad)
+        return Fan(np.float32(pose.x_m), np.float32(pose.y_m), first_rad, step_rad, self._free_m(scan))
 
     def _free_m(self, scan: Scan) -> NDArray[np.float32]:
         """Return how far each beam (N,) clears; a beam that is no number or too short clears nothing."""
         clears = np.minimum(scan.ranges_m - np.float32(self._spec.margin_m), np.float32(self._spec.reach_m))
         return np.where(scan.ranges_m >= scan.range_min_m, clears, np.float32(0.0))  # False for what is no number
 
-    def _around(self, pose: Pose2) -> tuple[slice, slice]:
+    def _around(self, pose: Pose2) -> Window:
         """Return the rows and columns within reach of a robot."""
-        place = (pose.y_m, pose.x_m)
-        found = []
+        place, ends = (pose.y_m, pose.x_m), list[int]()
         for value, start, size in zip(place, self._grid.origin_m[::-1], self._grid.shape, strict=True):
             first, last = ((value + side * self._spec.reach_m - start) / self._grid.cell_m for side in (-1.0, 1.0))
-            found.append(slice(min(size, max(0, math.ceil(first))), min(size, max(0, math.floor(last) + 1))))
-        return found[0], found[1]
+            ends += [min(size, max(0, math.ceil(first))), min(size, max(0, math.floor(last) + 1))]
+        return Window(*ends)

@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
-from revnm_server import draw_kernels
+from revnm_server import draw_kernels, lift_kernels
 from revnm_server.draw_kernels import Cells, Gaps, Picture, floor_evidence, obstacle_evidence, spread_along, weighed
 from revnm_server.lift import Kind
-from revnm_server.lift_kernels import slopes, votes
+from revnm_server.lift_kernels import Rays, placed, slopes, votes
 from revnm_server.memory_kernels import Background, learnt
+from revnm_server.scan_kernels import Fan, Middles, Window, fused, passed
 from revnm_server.search_kernels import open_window
 
 HW = (14, 17)
@@ -70,8 +71,64 @@ def lifted(rng) -> Picture:
     return Picture(rng.integers(0, 3, HW).astype(np.uint8), *(each.astype(np.float32) for each in floats))
 
 
-def test_kinds_of_pixels_are_those_of_the_lift() -> None:
-    assert (draw_kernels.FLOOR, draw_kernels.OBSTACLE) == (Kind.FLOOR, Kind.OBSTACLE)
+@pytest.mark.parametrize("kernels", [draw_kernels, lift_kernels])
+def test_kinds_of_pixels_are_those_of_the_lift(kernels) -> None:
+    assert (kernels.FLOOR, kernels.OBSTACLE) == (Kind.FLOOR, Kind.OBSTACLE)
+
+
+def test_what_is_lifted_stands_lies_or_is_unknown(rng) -> None:
+    nearness = rng.uniform(-0.05, 0.6, HW).astype(np.float32)
+    floor, tolerance, x, y = (rng.uniform(0.0, 0.5, (4, *HW))).astype(np.float32)
+    usable, below = rng.random((2, *HW)) < 0.7
+    rays = Rays(floor, 1.0 / np.maximum(floor, np.float32(0.01)), tolerance, below, x, y)
+    camera, farthest, least, most = (np.float32(each) for each in (2.5, 0.06, 1e-3, 0.4))
+    kind, at_x, at_y, height, grade = placed(nearness, usable, rays, camera, farthest, least, most)
+    depth = 1.0 / np.maximum(nearness, least)
+    expected = camera * (1.0 - depth * floor)
+    stands = usable & (nearness > farthest) & (expected > tolerance)
+    lies = usable & below & ~stands & (tolerance < most) & (expected > -2.0 * tolerance)
+    assert stands.any()
+    assert lies.any()
+    np.testing.assert_array_equal(kind, np.where(stands, Kind.OBSTACLE, np.where(lies, Kind.FLOOR, Kind.UNKNOWN)))
+    depth = np.where(lies, rays.floor_m, depth)
+    np.testing.assert_allclose(height, expected, rtol=1e-6)
+    np.testing.assert_allclose((at_x, at_y), (depth * x, depth * y), rtol=1e-6)
+    sure = np.clip(expected / tolerance - 1.0, -1.0, 1.0) * (stands | lies)
+    np.testing.assert_allclose(grade, sure, atol=1e-5)
+
+
+@pytest.mark.parametrize("step_rad", [math.tau / 90.0, -math.tau / 90.0, math.radians(2.0)])
+def test_beams_pass_near_the_middles_of_the_cells_before_their_ends(rng, step_rad: float) -> None:
+    free, pose = rng.uniform(-0.5, 4.0, 90).astype(np.float32), (1.03, -0.4, 0.7)
+    x, y = (np.arange(size) * 0.1 - 3.0 for size in (70, 60))
+    fan = Fan(np.float32(1.03), np.float32(-0.4), np.float32(0.7), np.float32(step_rad), free)
+    middles, window = Middles(x.astype(np.float32), y.astype(np.float32), np.float32(0.1)), Window(5, 55, 10, 66)
+    found = passed(fan, middles, window)
+    expected = np.zeros_like(found)
+    for row, column in np.ndindex(*found.shape):
+        dx, dy = x[column + 10] - pose[0], y[row + 5] - pose[1]
+        off = [math.remainder(math.atan2(dy, dx) - pose[2] - beam * step_rad, math.tau) for beam in range(90)]
+        beam = int(np.argmin(np.abs(off)))
+        distance = math.hypot(dx, dy)
+        within = abs(off[beam]) <= 0.5 * abs(step_rad) + 1e-9
+        expected[row, column] = within and abs(off[beam]) * distance <= 0.05 and distance < free[beam]
+    assert expected.any()
+    assert (found != expected).sum() <= 3  # by rounding
+
+
+def test_scans_overrule_the_camera_where_they_are_sure(rng) -> None:
+    shape = (20, 30)
+    obstacle, age = rng.random(shape).astype(np.float32), (5.0 * rng.random(shape)).astype(np.float32)
+    floor, told = rng.random((2, *shape)) < 0.5
+    logit = np.where(told, rng.normal(0.0, 2.0, shape), 0.0).astype(np.float32)
+    seen_s = np.where(told, 10.0 * rng.random(shape), -math.inf)
+    stands, lies, since = fused(obstacle, floor, age, logit, seen_s, np.float32(1.0), 10.0)
+    clear = np.clip(obstacle, 1e-3, 1.0 - 1e-3)
+    total = np.log(clear / (1.0 - clear)) + logit
+    total = np.where(logit >= 1.0, np.maximum(total, logit), total)
+    np.testing.assert_allclose(stands, 1.0 / (1.0 + np.exp(-total)), atol=1e-6)
+    np.testing.assert_array_equal(lies, floor | (logit <= -1.0))
+    np.testing.assert_allclose(since, np.minimum(age, 10.0 - seen_s), rtol=1e-6)
 
 
 def test_floor_is_what_is_looked_up_or_drawn(rng) -> None:
