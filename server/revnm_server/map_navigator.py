@@ -31,6 +31,7 @@ from revnm_server.observation import Image32
 from revnm_server.ports import GoalPixel
 from revnm_server.scan_trail import PastScan, ScanTrail
 from revnm_server.site_map import Reframed, SiteMap
+from revnm_server.standing_tag import StandingTag
 from revnm_server.tag_plane import TagPlane
 from revnm_server.turns import Turns
 
@@ -91,12 +92,14 @@ class NavigatorTick:
         places: floor_from_robot by robot, for those whose place is known.
         grid: The map, in the camera's floor frame; None while there is none.
         calibration: How well the camera is known.
+        standing: A robot that the picture shows standing though its odometry has it drive; None where there is none.
     """
 
     routes: dict[str, MapRoute]
     places: dict[str, Pose2]
     grid: FloorGrid | None
     calibration: CalibrationState
+    standing: str | None = None
 
 
 @dataclass(slots=True)
@@ -106,6 +109,7 @@ class _Robot:
     planner: MapPlanner
     search: GoalSearch = field(default_factory=GoalSearch)
     trail: ScanTrail = field(default_factory=ScanTrail)
+    tag: StandingTag = field(default_factory=StandingTag)
     scan: Scan | None = None
     sighting: RobotSighting | None = None
     seen: Travel | None = None
@@ -188,8 +192,7 @@ class MapNavigator:
             sightings: The robots that are visible in it.
             goals: Where robots should go; who is not in it gets no route.
         """
-        for sighting in sightings:
-            self._sight(sighting)
+        standing = [sighting.robot for sighting in sightings if self._sight(sighting)]
         state = self._calibrator.state
         places = self._places(stamp_ns)
         self._see(stamp_ns, disparity, places)
@@ -200,7 +203,7 @@ class MapNavigator:
             robot: self._route(robot, goal, stamp_ns, places.get(robot), state, believed, has_turn=robot in searching)
             for robot, goal in goals.items()
         }
-        return NavigatorTick(routes, places, grid, state)
+        return NavigatorTick(routes, places, grid, state, standing[0] if standing else None)
 
     def learn(self) -> None:
         """Calibrate with the sightings of the pictures so far, and place the map in what the camera is known to be.
@@ -214,19 +217,22 @@ class MapNavigator:
         if reframed is not None:
             self._reframe(reframed)
 
-    def _sight(self, sighting: RobotSighting) -> None:
+    def _sight(self, sighting: RobotSighting) -> bool:
+        """Take a sighting; return whether its robot stands in the picture though it drove."""
         each = self._robots[sighting.robot]
         each.sighting = sighting
         travel = each.track.at(sighting.stamp_ns)
-        if travel is not None:
-            each.note_driven(travel.odom_from_robot, learning=not self._calibrator.state.leads)
-            each.seen = travel
-            drive = each.track.drive
-            frame = Keyframe(sighting.pixel, sighting.heading, sighting.corners, travel, each.shape.mount, drive)
-            if self._calibrator.floor_from_robot(travel, drive) is None:  # without it the robot is nowhere
-                self._calibrator.observe(frame)
-            else:
-                self._untaught.append(frame)
+        if travel is None:
+            return False
+        each.note_driven(travel.odom_from_robot, learning=not self._calibrator.state.leads)
+        each.seen = travel
+        drive = each.track.drive
+        frame = Keyframe(sighting.pixel, sighting.heading, sighting.corners, travel, each.shape.mount, drive)
+        if self._calibrator.floor_from_robot(travel, drive) is None:  # without it the robot is nowhere
+            self._calibrator.observe(frame)
+        else:
+            self._untaught.append(frame)
+        return each.tag.note(sighting, travel.odom_from_robot, drive)
 
     def _places(self, stamp_ns: int) -> dict[str, Pose2]:
         found = {}

@@ -206,6 +206,7 @@ class MapPipeline:
             warnings=self._warnings(tick.calibration),
             rejected=rejected,
             scans=dict(self._last_scans),
+            standing=tick.standing,
         )
 
     def _warnings(self, calibration: CalibrationState) -> tuple[str, ...]:

@@ -195,6 +195,8 @@ class NavigationService:
             return
         goals = self.mission.driving_goals()
         result = self._step(frame, goals)
+        if result.site is not None and result.site.standing is not None:
+            self.camera.note_standing(result.site.standing)
         now_seen = {s.robot: s for s in result.sightings if s.robot in self._links}
         for robot, sighting in now_seen.items():
             if sighting.stamp_ns == frame.stamp_ns:

@@ -42,6 +42,7 @@ class SiteReport:
         warnings: What an operator should know.
         rejected: Number of the robots' payloads that were refused, by key.
         scans: The newest scan of each robot that sends any, stamped in the server's clock.
+        standing: A robot that the picture shows standing though its odometry has it drive; None where there is none.
     """
 
     stamp_ns: int
@@ -52,3 +53,4 @@ class SiteReport:
     warnings: tuple[str, ...]
     rejected: dict[str, int]
     scans: dict[str, Scan] = field(default_factory=dict)
+    standing: str | None = None

@@ -19,6 +19,7 @@ from revnm_server.camera.jpeg import encode_jpeg
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.mission import Goal
 from revnm_server.pipeline import RobotPlan, TickResult
+from revnm_server.site_report import SiteReport
 
 WAYPOINTS = np.array([[0.3, 0.0], [0.6, 0.0]])
 
@@ -32,6 +33,7 @@ class FakePipeline:
         self.going_on = threading.Event()
         self.going_on.set()
         self.goals_seen: list[dict[str, Goal]] = []
+        self.site: SiteReport | None = None
 
     def step(self, frame: Frame, goals: Mapping[str, Goal]) -> TickResult:
         self.going_on.wait()
@@ -43,7 +45,7 @@ class FakePipeline:
             RobotPlan(s.robot, WAYPOINTS, frame.stamp_ns, goals[s.robot].id) for s in sightings if s.robot in goals
         )
         timings = {"depth": 1.0, "tag": 1.0, "exo2ego": 1.0, "policy": 1.0, "tick": 4.0}
-        return TickResult(plans, sightings, np.zeros((4, 4), np.float32), {}, timings)
+        return TickResult(plans, sightings, np.zeros((4, 4), np.float32), {}, timings, self.site)
 
 
 def sighting(robot: str, uv: tuple[float, float], stamp_ns: int, *, side_px: float = 30.0) -> RobotSighting:

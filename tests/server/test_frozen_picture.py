@@ -9,11 +9,13 @@ import zenoh
 from numpy.typing import NDArray
 
 from revnm_client.link import open_client
+from revnm_server.calibration.calibrator import Calibrator
 from revnm_server.camera.content import FIRST_HOLD_S, FROZEN_AFTER_S, ContentWatch, digest
 from revnm_server.camera.pyav_reader import PyavReader
 from revnm_server.camera.url import NetworkCamera, parse_camera_url
 from revnm_server.mission import Mission
 from revnm_server.service import NavigationService
+from revnm_server.site_report import SiteReport
 from revnm_sim.rtsp_server import RtspServer, filming
 
 from .service_parts import FakePipeline, RobotEnd
@@ -102,6 +104,48 @@ def test_a_stream_that_pauses_is_not_frozen_when_it_goes_on() -> None:
     clock.watch.note_motion(None, clock.now_s)
     clock.run(1.0, moves=False)
     assert not clock.frozen
+
+
+def test_a_picture_that_changes_but_shows_a_robot_standing_that_drives_is_frozen_for_a_while() -> None:
+    clock = Clock()
+    clock.run(3.0, moves=True, changes=True)
+    clock.watch.note_standing("rover", clock.now_s)
+    clock.run(1.0, moves=True, changes=True)  # until it has no plan any more
+    assert clock.watch.frozen(clock.now_s) == (
+        "rover drives, but the picture shows it standing: it is frozen, or the wheels slip"
+    )
+    clock.run(FIRST_HOLD_S - STEP_S, moves=False, changes=True)
+    assert clock.frozen
+    clock.run(3 * STEP_S, moves=False, changes=True)
+    assert not clock.frozen
+
+
+def test_a_picture_that_shows_a_driving_robot_standing_gives_no_plan(
+    router: zenoh.Session, endpoint: str, tmp_path: Path
+) -> None:
+    mission, pipeline = Mission(["rover"], state_file=tmp_path / "state.json"), FakePipeline()
+    with RtspServer() as server, open_client([endpoint]) as client:
+        source = parse_camera_url(server.url)
+        assert isinstance(source, NetworkCamera)
+        with filming(server, lambda index: picture(60 + 20 * (index % 5)), fps=15):
+            camera = PyavReader(source)
+            service = NavigationService(router, camera=camera, pipeline=pipeline, mission=mission, tick_hz=50)
+            service.start()
+            try:
+                with RobotEnd(client) as robot:
+                    eventually(lambda: service.camera.latest())
+                    mission.set_goal("rover", 100, 50, size_px=SIZE)
+                    eventually(lambda: len(robot.plans) >= 3)
+                    state = Calibrator(SIZE).state
+                    pipeline.site = SiteReport(1, state, None, {}, {}, (), {}, standing="rover")
+                    eventually(lambda: service.view().camera.state == "stale")
+                    assert "rover drives, but the picture shows it standing" in str(service.view().camera.reason)
+                    count, seq = len(robot.plans), camera.latest().seq  # type: ignore[union-attr]
+                    eventually(lambda: camera.latest().seq > seq + 5)  # type: ignore[union-attr]
+                    assert len(robot.plans) == count
+            finally:
+                service.close()
+                camera.close()
 
 
 def test_a_frozen_camera_gives_no_plan_while_its_robot_drives(

@@ -46,6 +46,7 @@ class Room:
     def __init__(self, robot: str = "rover") -> None:
         self.robot, self.pose = robot, START
         self.hidden = False
+        self.frozen: Pose2 | None = None  # where the picture shows the robot, wherever it is
         self._poses: dict[int, Pose2] = {}
         self._background = cast_depth(primitive_arrays((_WALL,)), CAMERA, HW)
         self._rng = np.random.default_rng(0)
@@ -56,17 +57,20 @@ class Room:
         return Odometry(stamp_ns, START.inverse() @ self.pose, STANDSTILL)
 
     def disparity(self, frame: Frame) -> Image32:
-        depth = overlay_depth(self._background, CAMERA, robot_primitive(self._poses[frame.stamp_ns], SPEC))
+        depth = overlay_depth(self._background, CAMERA, robot_primitive(self._shown(frame), SPEC))
         return 3.0 * disparity_from_depth(depth) + np.float32(0.7)
 
     def sightings(self, frame: Frame, expected: Mapping[str, FloatArray] | None = None) -> list[RobotSighting]:
         if self.hidden:
             return []
         stamp_ns = frame.stamp_ns
-        seen = see_robot(CAMERA, self._poses[stamp_ns], SPEC, robot=self.robot, stamp_ns=stamp_ns)
+        seen = see_robot(CAMERA, self._shown(frame), SPEC, robot=self.robot, stamp_ns=stamp_ns)
         noisy = replace(seen, corners=seen.corners + self._rng.normal(0.0, 0.3, (4, 2)))
         stranger = see_robot(CAMERA, Pose2(2.0, 0.0, 0.0), SPEC, robot="stranger", stamp_ns=stamp_ns)
         return [noisy, stranger]
+
+    def _shown(self, frame: Frame) -> Pose2:
+        return self.frozen or self._poses[frame.stamp_ns]
 
     def drive(self, waypoints_m: FloatArray, step_m: float = 0.08) -> None:
         """Go a step along the waypoints."""

@@ -225,6 +225,21 @@ def test_a_damaged_file_is_named_and_nothing_is_believed_of_it(tmp_path: Path) -
     assert (tmp_path / "hall.json.refused").read_text() == "{"
 
 
+def test_a_picture_in_which_a_robot_that_drives_stands_is_told_of() -> None:
+    drive = Drive()
+    told = [drive.until_led()] + [drive.tick() for _ in range(10)]
+    assert {result.site.standing for result in told if result.site is not None} == {None}
+    drive.room.frozen = drive.room.pose
+    for _ in range(12):
+        drive.room.drive(np.array([[1.0, 0.3]]))  # by an older plan, or by hand
+        result = drive.tick()
+        assert result.site is not None
+        if result.site.standing is not None:
+            break
+    assert result.site.standing == "rover"
+    assert drive.room.pose != drive.room.frozen
+
+
 class Failing:
     """Stands for both networks; they fail."""
 

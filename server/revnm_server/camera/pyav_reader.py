@@ -74,6 +74,10 @@ class PyavReader:
         """Note which robot drives in the picture; None where none does."""
         self._slot.note_motion(robot)
 
+    def note_standing(self, robot: str) -> None:
+        """Note a robot that the picture shows standing though its odometry has it drive."""
+        self._slot.note_standing(robot)
+
     def close(self) -> None:
         """Stop reading; a thread that waits for a dead camera is left to its time-out."""
         self._closing.set()

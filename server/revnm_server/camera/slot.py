@@ -71,6 +71,12 @@ class LatestSlot:
             with self._new:
                 self._content.note_motion(robot, time.monotonic())
 
+    def note_standing(self, robot: str) -> None:
+        """Note a robot that the picture shows standing though its odometry has it drive."""
+        if self._content is not None:
+            with self._new:
+                self._content.note_standing(robot, time.monotonic())
+
     def set_state(self, state: CameraState, reason: str) -> None:
         """Note that the camera is not running, and why; ENDED is final."""
         with self._new:

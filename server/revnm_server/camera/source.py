@@ -75,6 +75,13 @@ class CameraSource(Protocol):
         """
         ...
 
+    def note_standing(self, robot: str) -> None:
+        """Note a robot that the picture shows standing though its odometry has it drive: the picture is STALE.
+
+        Ignored where :meth:`note_motion` is.
+        """
+        ...
+
     def close(self) -> None:
         """Stop reading; the state becomes ENDED."""
         ...

@@ -62,6 +62,10 @@ class ZenohReader:
         """Note which robot drives in the picture; None where none does."""
         self._slot.note_motion(robot)
 
+    def note_standing(self, robot: str) -> None:
+        """Note a robot that the picture shows standing though its odometry has it drive."""
+        self._slot.note_standing(robot)
+
     def close(self) -> None:
         """Stop reading."""
         self._closing.set()
