@@ -62,6 +62,10 @@ class Children:
                 start_new_session=True,
             )
 
+    def pid(self, name: str) -> int:
+        """Return the process number of a child that was started."""
+        return self._running[name].pid
+
     def log_path(self, name: str) -> Path:
         """Return where the output of a child goes."""
         return self._log_folder / f"{name}.log"

@@ -28,7 +28,7 @@ _DEFAULT_HTTP = "127.0.0.1:8000"
 _READY_WITHIN_S = 60.0
 _POLL_S = 0.1
 # Three processes share the machine's cores: a pool of threads each would only make them wait for each other.
-_CHILD_ENV = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+CHILD_ENV = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +67,8 @@ def run_demo(settings: DemoSettings, stop: threading.Event, say: Callable[[str],
         LinkError: The server did not become ready or refused the goal.
     """
     folder = Path(tempfile.mkdtemp(prefix="revnm-demo-"))
-    endpoint = f"tcp/{_free_address()}"
-    http = settings.http or (_free_address() if settings.headless else _DEFAULT_HTTP)
+    endpoint = f"tcp/{free_address()}"
+    http = settings.http or (free_address() if settings.headless else _DEFAULT_HTTP)
     say(f"logs: {folder}")
     with Children(folder) as children:
         _start(children, settings, folder=folder, endpoint=endpoint, http=http)
@@ -93,9 +93,9 @@ def _start(children: Children, settings: DemoSettings, *, folder: Path, endpoint
     server += ["--planner", settings.planner] if settings.planner else []
     simulator = ["run", "--seed", str(settings.seed), "--robot", ROBOT, "--camera", CAMERA, "--connect", endpoint]
     robot = ["run", "--robot", ROBOT, "--connect", endpoint]
-    children.start("server", "revnm_server.cli", server, env=_CHILD_ENV)
-    children.start("robot", "revnm_client.cli", robot, env=_CHILD_ENV)
-    children.start("simulator", "revnm_sim.cli", simulator, env=_CHILD_ENV)
+    children.start("server", "revnm_server.cli", server, env=CHILD_ENV)
+    children.start("robot", "revnm_client.cli", robot, env=CHILD_ENV)
+    children.start("simulator", "revnm_sim.cli", simulator, env=CHILD_ENV)
 
 
 class _Demo:
@@ -179,7 +179,8 @@ def _robot_view(state: dict[str, Any]) -> dict[str, Any]:
     return view
 
 
-def _free_address() -> str:
+def free_address() -> str:
+    """Return HOST:PORT of this machine at which nothing listens."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"127.0.0.1:{probe.getsockname()[1]}"
