@@ -20,10 +20,11 @@ from revnm_server.camera import CameraSource, CameraState
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.mission import Goal, Mission
 from revnm_server.orders import OrderCourier
-from revnm_server.overview import Overview, SeenTick, SentPlan, Tally
+from revnm_server.overview import Overview
 from revnm_server.pipeline import RobotPlan, TickResult
 from revnm_server.robot_link import RobotLink
 from revnm_server.site_report import SiteReport
+from revnm_server.tick_memory import SeenTick, SentPlan, Tally, TickMemory
 from revnm_server.tick_recorder import ObservedTick, TickRecorder
 from revnm_server.view import ServerView
 
@@ -78,11 +79,13 @@ class NavigationService:
         self._period_s = 1.0 / tick_hz
         self._links = {robot: RobotLink(session, robot) for robot in mission.names}
         self._courier = OrderCourier(session, mission)
+        self._ticks = TickMemory()
         self._overview = Overview(
             camera,
             mission,
             self._links,
             self._courier,
+            self._ticks,
             tag_size_m=tag_size_m,
             robot_size_m=robot_size_m,
             notes=notes,
@@ -141,36 +144,37 @@ class NavigationService:
 
     def hangs_s(self) -> float | None:
         """Return for how long the tick has been at one picture, where that is far too long, seconds."""
-        return self._overview.hangs_s()
+        return self._ticks.hangs_s()
 
     def tally(self) -> Tally:
         """Return what was counted since the start."""
-        return self._overview.tally()
+        return self._ticks.tally()
 
     def site(self) -> SiteReport | None:
         """Return what the last tick left of the camera and its map; None before that, and where no map is made."""
-        return self._overview.site()
+        tick = self._ticks.tick()
+        return tick.result.site if tick is not None else None
 
     def last_tick(self) -> SeenTick | None:
         """Return the last tick that worked, to be drawn; None before that."""
-        return self._overview.tick()
+        return self._ticks.tick()
 
     def _run(self) -> None:
         seq = -1
         while not self._closing.is_set():
             frame = self.camera.wait_newer(seq, timeout_s=_WAIT_S)
             began_s = time.monotonic()
-            self._overview.note_begin()
+            self._ticks.note_begin()
             try:
                 self._listen()
                 if frame is not None:
                     seq = frame.seq
                     self._tick(frame)
             except Exception as error:  # no plan is sent and the view says why
-                if self._overview.note_fault(error):
+                if self._ticks.note_fault(error):
                     logger.exception("tick failed: no plans are sent")
             finally:
-                self._overview.note_end()
+                self._ticks.note_end()
             if frame is not None:
                 self._closing.wait(began_s + self._period_s - time.monotonic())
 
@@ -216,7 +220,7 @@ class NavigationService:
         finally:
             if self.recorder is not None:
                 self.recorder.observe(ObservedTick(frame, goals, result, frozenset(published)))
-        self._overview.note_tick(SeenTick(frame.stamp_ns, frame.size_px, result), published)
+        self._ticks.note_tick(SeenTick(frame.stamp_ns, frame.size_px, result), published)
 
     def _step(self, frame: Frame, goals: Mapping[str, Goal]) -> TickResult:
         """Let the pipeline see a picture; a record has those, too, at which it failed."""

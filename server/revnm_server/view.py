@@ -279,3 +279,8 @@ def path_in_picture(waypoints_m: FloatArray, sighting: RobotSighting, *, tag_siz
     pixels, visible = TagPlane(sighting, tag_size_m=tag_size_m).project(waypoints_m)
     near = visible & np.all(np.abs(pixels) < _FARTHEST_PX, axis=1)
     return np.asarray(pixels[np.logical_and.accumulate(near)], dtype=np.float64)
+
+
+def rounded(value: float | None, digits: int) -> float | None:
+    """Round a number, if there is one."""
+    return round(value, digits) if value is not None else None

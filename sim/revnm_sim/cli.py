@@ -29,7 +29,11 @@ _MEASURES = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status: 2 for what the person who called can mend, 130 after Ctrl-C."""
+    """Run the command; return the exit status: 2 for what the person who called can mend, 130 after Ctrl-C.
+
+    SIGTERM is like Ctrl-C: what a command has started ends with it.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     words = list(sys.argv[1:] if argv is None else argv)
     arguments = _parser(words).parse_args(words)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")

@@ -144,7 +144,7 @@ class _Work:
         while time.monotonic() < until_s:
             self._children.check()
             view = self._api.state()["robots"][0]
-            if view["status"] in ("idle", "arrived"):
+            if view["status"] in ("no_goal", "arrived"):
                 self._minute.arrivals += view["status"] == "arrived"
                 pixel, _ = self._project(np.array([*self._ends_m[0], 0.0]))
                 self._ends_m.reverse()
