@@ -210,6 +210,24 @@ def test_what_the_network_held_up_is_late_by_just_that(speed: float) -> None:
     assert late_s[42.0] == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.parametrize("fps", [5.0, 30.0])
+def test_pictures_from_before_the_connection_are_none(fps: float) -> None:
+    lag, rng = StreamLag(), np.random.default_rng(0)
+    piled = round(2.0 * fps)  # since the last key frame, all within 0.2 s
+    told = [lag.piled_up(k / fps, 0.2 * k / piled) for k in range(piled)]
+    assert all(told)
+    live = [
+        lag.piled_up(k / fps, 0.2 + (k + 1 - piled + rng.uniform(0.0, 0.3)) / fps) for k in range(piled, 10 * piled)
+    ]
+    assert not any(live)
+
+
+def test_a_stream_whose_stamps_go_too_fast_is_shown_after_seconds() -> None:
+    lag = StreamLag()
+    told = [lag.piled_up(0.1 * k, 0.04 * k) for k in range(200)]
+    assert told.index(False) == 75
+
+
 def test_pictures_that_piled_up_are_not_shown() -> None:
     """A camera whose pictures take ever longer to come, as where the computer decodes slower than they are sent."""
     began_ns = time.monotonic_ns()

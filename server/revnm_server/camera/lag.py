@@ -6,6 +6,7 @@ whatever they send, and some are off by a fifth. So both are compared over some 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import numpy as np
@@ -13,6 +14,8 @@ import numpy as np
 _BINS = 20
 _APART = 5  # bins: over less time a slope is mostly jitter
 _STEEPEST = 0.3
+_BEGIN_S = 3.0
+_PILED = 0.5  # of the time between them
 
 
 class StreamLag:
@@ -29,6 +32,24 @@ class StreamLag:
         self._bin_s = bin_s
         self._least: deque[tuple[float, float]] = deque(maxlen=_BINS)  # when, and the least of that second
         self._slope, self._intercept_s = 0.0, 0.0
+        self._begun_s = math.nan
+        self._before: tuple[float, float] | None = None
+
+    def piled_up(self, media_s: float, now_s: float) -> bool:
+        """Return whether a picture was taken before the connection: many cameras begin with those since a key frame.
+
+        They come faster than they were taken. So nothing is known of the first, and it counts as one of them. After
+        the first seconds none does.
+
+        Args:
+            media_s: When it was taken, the stream's clock.
+            now_s: When it came, monotonic clock.
+        """
+        before, self._before = self._before, (media_s, now_s)
+        if before is None:
+            self._begun_s = now_s
+            return True
+        return now_s - self._begun_s < _BEGIN_S and now_s - before[1] < _PILED * (media_s - before[0])
 
     def note(self, media_s: float, now_s: float) -> float:
         """Return by how many seconds a picture is late; 0 during the first seconds of a connection.

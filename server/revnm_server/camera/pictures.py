@@ -80,7 +80,10 @@ class Pictures:
         self._newest_pts = frame.pts if frame.pts is not None else -1
         if frame.time is None or not self._live:
             return 0.0
-        late_s = self._lag.note(frame.time, came_s)
+        late_s, piled_up = self._lag.note(frame.time, came_s), self._lag.piled_up(frame.time, came_s)
+        if piled_up:
+            self._good_s = time.monotonic()
+            return None
         self._late = late_s > _LATEST_S
         if self._late:
             self._trouble = (
