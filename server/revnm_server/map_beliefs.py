@@ -35,7 +35,7 @@ from revnm_server.turns import Turns
 from revnm_server.way import at_lengths
 
 _STEP_M = 0.01
-_AT_ONCE = 4  # robots a picture: with 16 at five pictures a second each is judged anew every 0.8 s
+AT_ONCE = 4  # robots a picture: with 16 at five pictures a second each is judged anew every 0.8 s
 
 
 class MapBeliefs:
@@ -51,7 +51,7 @@ class MapBeliefs:
             tag_height_m: Of the robots' tags over the floor.
         """
         self._spec, self._exo2ego, self._policy, self._tag_m = spec, exo2ego, policy, tag_height_m
-        self._turns, self._egos = Turns(_AT_ONCE), dict[str, Image32]()
+        self._turns, self._egos = Turns(AT_ONCE), dict[str, Image32]()
 
     def renew(
         self, tick: NavigatorTick, site: SiteMap, disparity: Image32, stamp_ns: int, timings_ms: dict[str, float]

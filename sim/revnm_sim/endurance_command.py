@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         with _driving(simulation, endpoint, camera):
             work = _Work(children, ServerApi(f"http://{http}"), camera, scenario, args)
             rows = list(work.rows())
-    verdict = _verdict(rows, ready_s, contact=simulation.had_contact)
+    verdict = verdict_of(rows, ready_s, contact=simulation.had_contact)
     options = ["--minutes", f"{args.minutes:g}", "--every", f"{args.every:g}", "--seed", str(args.seed)]
     write_report(args.out / "report.json", [*rows, verdict], shlex.join(["revnm-sim", "endurance", *options]))
     print(table(rows), table([verdict]), sep="\n\n")
@@ -177,7 +177,7 @@ def _proc_status(pid: int) -> dict[str, int]:
     return {name: int(value.split()[0]) for name, value in pairs if value.split() and value.split()[0].isdecimal()}
 
 
-def _verdict(rows: list[dict[str, Any]], ready_s: float, *, contact: bool) -> dict[str, Any]:
+def verdict_of(rows: list[dict[str, Any]], ready_s: float, *, contact: bool) -> dict[str, Any]:
     """Compare the last third with the first third of the rows after warm-up."""
     warm = rows[math.ceil(_WARM_UP * len(rows)) :]
     third = max(1, len(warm) // 3)

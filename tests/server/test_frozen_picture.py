@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -120,32 +122,49 @@ def test_a_picture_that_changes_but_shows_a_robot_standing_that_drives_is_frozen
     assert not clock.frozen
 
 
+@contextmanager
+def driven(
+    router: zenoh.Session,
+    endpoint: str,
+    folder: Path,
+    scene: Callable[[int], NDArray[np.uint8]],
+    pipeline: FakePipeline,
+) -> Iterator[tuple[NavigationService, RobotEnd]]:
+    """Run a service whose camera films a scene, and a robot that has a goal and gets plans."""
+    mission = Mission(["rover"], state_file=folder / "state.json")
+    with RtspServer() as server, filming(server, scene, fps=15), open_client([endpoint]) as client:
+        source = parse_camera_url(server.url)
+        assert isinstance(source, NetworkCamera)
+        camera = PyavReader(source)
+        service = NavigationService(router, camera=camera, pipeline=pipeline, mission=mission, tick_hz=50)
+        service.start()
+        try:
+            with RobotEnd(client) as robot:
+                eventually(lambda: service.camera.latest())
+                mission.set_goal("rover", 100, 50, size_px=SIZE)
+                eventually(lambda: len(robot.plans) >= 3)
+                yield service, robot
+        finally:
+            service.close()
+            camera.close()
+
+
+def assert_no_more_plans(service: NavigationService, robot: RobotEnd) -> None:
+    """Pictures go on, plans do not."""
+    count, seq = len(robot.plans), service.camera.latest().seq  # type: ignore[union-attr]
+    eventually(lambda: service.camera.latest().seq > seq + 5)  # type: ignore[union-attr]
+    assert len(robot.plans) == count
+
+
 def test_a_picture_that_shows_a_driving_robot_standing_gives_no_plan(
     router: zenoh.Session, endpoint: str, tmp_path: Path
 ) -> None:
-    mission, pipeline = Mission(["rover"], state_file=tmp_path / "state.json"), FakePipeline()
-    with RtspServer() as server, open_client([endpoint]) as client:
-        source = parse_camera_url(server.url)
-        assert isinstance(source, NetworkCamera)
-        with filming(server, lambda index: picture(60 + 20 * (index % 5)), fps=15):
-            camera = PyavReader(source)
-            service = NavigationService(router, camera=camera, pipeline=pipeline, mission=mission, tick_hz=50)
-            service.start()
-            try:
-                with RobotEnd(client) as robot:
-                    eventually(lambda: service.camera.latest())
-                    mission.set_goal("rover", 100, 50, size_px=SIZE)
-                    eventually(lambda: len(robot.plans) >= 3)
-                    state = Calibrator(SIZE).state
-                    pipeline.site = SiteReport(1, state, None, {}, {}, (), {}, standing="rover")
-                    eventually(lambda: service.view().camera.state == "stale")
-                    assert "rover drives, but the picture shows it standing" in str(service.view().camera.reason)
-                    count, seq = len(robot.plans), camera.latest().seq  # type: ignore[union-attr]
-                    eventually(lambda: camera.latest().seq > seq + 5)  # type: ignore[union-attr]
-                    assert len(robot.plans) == count
-            finally:
-                service.close()
-                camera.close()
+    pipeline = FakePipeline()
+    with driven(router, endpoint, tmp_path, lambda index: picture(60 + 20 * (index % 5)), pipeline) as (service, robot):
+        pipeline.site = SiteReport(1, Calibrator(SIZE).state, None, {}, {}, (), {}, standing="rover")
+        eventually(lambda: service.view().camera.state == "stale")
+        assert "rover drives, but the picture shows it standing" in str(service.view().camera.reason)
+        assert_no_more_plans(service, robot)
 
 
 def test_a_frozen_camera_gives_no_plan_while_its_robot_drives(
@@ -156,32 +175,17 @@ def test_a_frozen_camera_gives_no_plan_while_its_robot_drives(
     def scene(index: int) -> NDArray[np.uint8]:
         return picture(60 if pictures["standing"] else 60 + 20 * (index % 5))
 
-    mission = Mission(["rover"], state_file=tmp_path / "state.json")
-    with RtspServer() as server, filming(server, scene, fps=15), open_client([endpoint]) as client:
-        source = parse_camera_url(server.url)
-        assert isinstance(source, NetworkCamera)
-        camera = PyavReader(source)
-        service = NavigationService(router, camera=camera, pipeline=FakePipeline(), mission=mission, tick_hz=50)
-        service.start()
-        try:
-            with RobotEnd(client) as robot:
-                eventually(lambda: service.camera.latest())
-                mission.set_goal("rover", 100, 50, size_px=SIZE)
-                eventually(lambda: len(robot.plans) >= 3)
-                pictures["standing"] = True
-                eventually(lambda: service.view().warnings)  # the robot stands: a still picture is only odd
-                assert service.view().camera.state == "running"
+    with driven(router, endpoint, tmp_path, scene, FakePipeline()) as (service, robot):
+        pictures["standing"] = True
+        eventually(lambda: service.view().warnings)  # the robot stands: a still picture is only odd
+        assert service.view().camera.state == "running"
 
-                eventually(lambda: robot.say(moving=True) or service.view().camera.state == "stale")
-                assert "frozen" in str(service.view().camera.reason)
-                eventually(lambda: "frozen" in str(service.view().robots[0].reason))
-                count, seq = len(robot.plans), camera.latest().seq  # type: ignore[union-attr]
-                eventually(lambda: camera.latest().seq > seq + 5)  # type: ignore[union-attr]
-                assert len(robot.plans) == count
+        eventually(lambda: robot.say(moving=True) or service.view().camera.state == "stale")
+        assert "frozen" in str(service.view().camera.reason)
+        eventually(lambda: "frozen" in str(service.view().robots[0].reason))
+        assert_no_more_plans(service, robot)
 
-                pictures["standing"] = False
-                eventually(lambda: len(robot.plans) > count)
-                assert service.view().camera.state == "running"
-        finally:
-            service.close()
-            camera.close()
+        count = len(robot.plans)
+        pictures["standing"] = False
+        eventually(lambda: len(robot.plans) > count)
+        assert service.view().camera.state == "running"

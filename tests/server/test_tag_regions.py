@@ -78,3 +78,14 @@ def test_a_tag_is_looked_for_at_a_size_that_suffices(side_px: int, scale: int, d
     region = region_around(gray_of((2000, 2000)), corners, margin_sides=0.5)
     assert (region.scale, region.decimation) == (scale, decimation)
     assert region.gray.shape[0] >= 2 * side_px * scale
+
+
+@pytest.mark.parametrize(
+    ("size_px", "idle", "busy"), [((640, 480), 12, 36), ((1280, 960), 36, 192), ((1920, 1080), 72, 336)]
+)
+def test_how_many_pictures_it_takes_to_look_at_all_is_as_the_guide_says(
+    size_px: tuple[int, int], idle: int, busy: int
+) -> None:
+    for budget_px, expected in ((IDLE_WORK_PX, idle), (WORK_PX, busy)):
+        ways = looks(size_px, budget_px)
+        assert len(ways) * max(math.prod(look.pieces(size_px)) for look in ways) == expected

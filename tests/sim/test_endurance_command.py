@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from revnm_sim import cli
-from revnm_sim.endurance_command import _verdict
+from revnm_sim.endurance_command import verdict_of
 
 
 def row(rss_mb: float, threads: int, *, recovery_s: float = 0.5) -> dict[str, float]:
@@ -17,7 +17,7 @@ def row(rss_mb: float, threads: int, *, recovery_s: float = 0.5) -> dict[str, fl
 
 def test_growth_is_of_the_last_third_against_the_first_after_warm_up() -> None:
     rows = [row(100.0, 9), row(200.0, 20), row(201.0, 21, recovery_s=2.5), *[row(200.0, 22)] * 5, *[row(210.0, 20)] * 3]
-    verdict = _verdict(rows, 3.21, contact=False)
+    verdict = verdict_of(rows, 3.21, contact=False)
     assert verdict["rss_growth_percent"] == 5.0
     assert (verdict["threads_first"], verdict["threads_most"], verdict["threads_last"]) == (21, 22, 20)
     assert (verdict["faults"], verdict["slowest_recovery_s"], verdict["arrivals"]) == (33, 2.5, 11)

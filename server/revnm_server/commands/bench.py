@@ -50,6 +50,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _measure(folder: Path, counts: list[int], options: argparse.Namespace) -> list[Row]:
+    from revnm_server.map_beliefs import AT_ONCE
     from revnm_server.speed.baseline import backends, run_networks
     from revnm_server.speed.drive import Course, drive
 
@@ -68,7 +69,8 @@ def _measure(folder: Path, counts: list[int], options: argparse.Namespace) -> li
             continue
         print(f"{bundle.name}, {name}: {networks.note}")
         for robots in counts:
-            taken = run_networks(networks, bundle, robots=robots, rounds=options.ticks, longest_s=options.longest)
+            judged = min(robots, AT_ONCE) if bundle.sees == "map" else robots  # as many as ours judge a picture
+            taken = run_networks(networks, bundle, robots=judged, rounds=options.ticks, longest_s=options.longest)
             ours = [row for row in rows if row["robots"] == robots and row["backend"] == OURS]
             rows += stage_rows(bundle.name, robots, name, one_after_the_other(taken, ours))
     return rows
