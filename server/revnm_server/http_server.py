@@ -25,9 +25,11 @@ def listen(settings: HttpSettings) -> socket.socket:
     """
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     try:
-        return socket.create_server((settings.host, settings.port), family=family)
+        listener = socket.create_server((settings.host, settings.port), family=family)
     except OSError as error:
         raise ConfigError(f"cannot serve HTTP on {settings.host}:{settings.port}: {error.strerror}") from error
+    # Only where the protocol is named does asyncio let answers go at once (TCP_NODELAY).
+    return socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP, fileno=listener.detach())
 
 
 @contextmanager
