@@ -49,6 +49,7 @@ def serving_http(
         lifespan="off",
         timeout_graceful_shutdown=_CLOSE_S,
         timeout_keep_alive=5,
+        http="httptools",
         ws_max_size=1024,
         ssl_certfile=settings.certificate,
         ssl_keyfile=settings.key,

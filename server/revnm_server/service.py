@@ -142,6 +142,10 @@ class NavigationService:
         """Return what there is to show now; never waits for the tick, the network or the disk."""
         return self._overview.view()
 
+    def ticking(self) -> bool:
+        """Return whether a tick is at a picture."""
+        return self._ticks.ticking()
+
     def hangs_s(self) -> float | None:
         """Return for how long the tick has been at one picture, where that is far too long, seconds."""
         return self._ticks.hangs_s()

@@ -118,6 +118,10 @@ class TickMemory:
         with self._lock:
             self._known.ticking_since_s = None
 
+    def ticking(self) -> bool:
+        """Return whether a tick runs."""
+        return self._known.ticking_since_s is not None
+
     def hangs_s(self) -> float | None:
         """Return for how long the tick has been at one picture, where that is far too long."""
         with self._lock:

@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator
 import numpy as np
 import pytest
 
+from revnm_server.api.between_ticks import BetweenTicks
 from revnm_server.api.pictures import Drawing, SharedPictures
 from revnm_server.camera.jpeg import decode_jpeg
 from revnm_server.depth_picture import depth_picture, ego_picture
@@ -18,7 +19,9 @@ class Easel:
 
     def __init__(self) -> None:
         self.stamp_ns, self.drawn, self.closed, self.empty = 1_000_000, 0, False, False
-        self.shared = SharedPictures(self.newest, closing=lambda: self.closed)
+        self.ticking = False
+        between_ticks = BetweenTicks(lambda: self.ticking)
+        self.shared = SharedPictures(self.newest, between_ticks=between_ticks, closing=lambda: self.closed)
 
     def newest(self) -> Drawing | None:
         return None if self.empty else Drawing(self.stamp_ns, self.draw)
@@ -71,6 +74,22 @@ def test_a_picture_is_sent_once_and_at_most_ten_times_a_second() -> None:
         easel.closed = True
         with pytest.raises(StopAsyncIteration):
             await asyncio.wait_for(waiting, 5.0)
+
+    asyncio.run(look())
+
+
+def test_a_picture_waits_for_the_tick() -> None:
+    easel = Easel()
+    easel.ticking = True
+
+    async def look() -> None:
+        waiting = asyncio.ensure_future(anext(easel.shared.parts()))
+        for _ in range(5):
+            await asyncio.sleep(0)
+        assert easel.drawn == 0
+        easel.ticking = False
+        assert await asyncio.wait_for(waiting, 5.0)
+        assert easel.drawn == 1
 
     asyncio.run(look())
 

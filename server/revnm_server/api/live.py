@@ -10,6 +10,7 @@ from fastapi import APIRouter, HTTPException, Query, Response, WebSocket, WebSoc
 from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
+from revnm_server.api.between_ticks import BetweenTicks
 from revnm_server.api.pictures import MEDIA_TYPE, Layers, SharedPictures
 from revnm_server.api.problems import responses
 from revnm_server.api.shared_state import PERIOD_S, SharedState
@@ -25,11 +26,13 @@ _NO_PICTURE = "the camera has not given a picture yet"
 def live_router(service: NavigationService) -> APIRouter:
     """Return the routes for state, events and pictures."""
     router = APIRouter(prefix="/api/v1", tags=["live"])
-    shared, layers, whole = SharedState(service), Layers(service), _WholeFrame()
+    between_ticks = BetweenTicks(service.ticking)
+    shared, layers, whole = SharedState(service), Layers(service, between_ticks), _WholeFrame()
 
     @router.get("/state", response_model=ServerView)
     async def state() -> Response:
         """Return everything that the page shows, at most 0.1 s old."""
+        await between_ticks.wait()
         return Response(shared.document(), media_type="application/json")
 
     @router.websocket("/events")
@@ -39,6 +42,7 @@ def live_router(service: NavigationService) -> APIRouter:
         gone = asyncio.create_task(_disconnected(socket))
         try:
             while not (gone.done() or service.closing):
+                await between_ticks.wait()
                 await asyncio.wait_for(socket.send_text(shared.document().decode()), _SEND_S)
                 await asyncio.wait({gone}, timeout=PERIOD_S)
             if not gone.done():

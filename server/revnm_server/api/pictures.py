@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
+from revnm_server.api.between_ticks import BetweenTicks
 from revnm_server.camera.jpeg import encode_jpeg
 from revnm_server.depth_picture import depth_picture, ego_picture
 from revnm_server.map_picture import map_picture
@@ -42,9 +43,11 @@ class SharedPictures:
     which they look.
     """
 
-    def __init__(self, newest: Callable[[], Drawing | None], *, closing: Callable[[], bool]) -> None:
+    def __init__(
+        self, newest: Callable[[], Drawing | None], *, between_ticks: BetweenTicks, closing: Callable[[], bool]
+    ) -> None:
         """Share what ``newest`` gives, until ``closing``; it gives None where there is no picture."""
-        self._newest, self._closing = newest, closing
+        self._newest, self._between_ticks, self._closing = newest, between_ticks, closing
         self._making: asyncio.Task[_Part | None] | None = None
         self._made: _Part | None = None
         self._due_s = 0.0
@@ -69,6 +72,7 @@ class SharedPictures:
         """Return the newest picture once its time has come."""
         try:
             await asyncio.sleep(self._due_s - time.monotonic())
+            await self._between_ticks.wait()
             self._due_s = time.monotonic() + _PERIOD_S
             drawing = self._newest()
             if drawing is None:
@@ -92,16 +96,16 @@ def _drawn(drawing: Drawing) -> _Part:
 class Layers:
     """All that can be looked at: the camera's picture, its depth, the map, and what each robot is thought to see."""
 
-    def __init__(self, service: NavigationService) -> None:
+    def __init__(self, service: NavigationService, between_ticks: BetweenTicks) -> None:
         """Share the pictures of a service."""
-        self._service = service
+        self._service, self._between_ticks = service, between_ticks
         self.exo = self._shared(self._seen)
         self.depth = self._shared(self._deep)
         self.map = self._shared(self._mapped)
         self.ego = {robot: self._shared(partial(self._imagined, robot)) for robot in service.mission.names}
 
     def _shared(self, newest: Callable[[], Drawing | None]) -> SharedPictures:
-        return SharedPictures(newest, closing=lambda: self._service.closing)
+        return SharedPictures(newest, between_ticks=self._between_ticks, closing=lambda: self._service.closing)
 
     def _seen(self) -> Drawing | None:
         frame = self._service.camera.latest()
