@@ -91,6 +91,7 @@ class RobotAgent:
         self._scan_times: Times | None = None
         self._offset_ns: int | None = None
         self._round_trip_ns: int | None = None
+        self._trouble: str | None = None
         self._arrived = False
         self._last = Tick(STANDSTILL, "not started yet", 0.0)
         self._tick_ms: deque[float] = deque(maxlen=200)
@@ -101,6 +102,10 @@ class RobotAgent:
         None: unknown. The robot stands where the offset is; the round trip is only shown.
         """
         self._offset_ns, self._round_trip_ns = offset_ns, round_trip_ns
+
+    def set_trouble(self, trouble: str | None) -> None:
+        """Set why the base would not obey, as its driver says: the robot stands, for that reason. None: all is well."""
+        self._trouble = trouble
 
     def on_odometry(self, odometry: Odometry, received_ns: int) -> None:
         """Take in odometry. If its frame began anew, remembered obstacles and the plan are dropped."""
@@ -200,6 +205,7 @@ class RobotAgent:
             plan = Times(self._plan.plan.stamp_ns - self._offset_ns, self._plan.received_ns)
         return Situation(
             stopped=self._gate.stopped,
+            trouble=self._trouble,
             clock_known=self._offset_ns is not None,
             odometry=self._odometry_times,
             scan=self._scan_times,

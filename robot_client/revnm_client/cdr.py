@@ -33,6 +33,7 @@ __all__ = [
     "encode_odometry",
     "encode_plan",
     "encode_scan",
+    "encode_stamped_velocity",
     "encode_velocity",
 ]
 
@@ -54,6 +55,7 @@ _IMAGE_MAGIC = {"jpeg": b"\xff\xd8\xff", "png": b"\x89PNG"}
 _SCAN = "sensor_msgs/msg/LaserScan"
 _ODOMETRY = "nav_msgs/msg/Odometry"
 _TWIST = "geometry_msgs/msg/Twist"
+_TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
 _PATH = "nav_msgs/msg/Path"
 _IMAGE = "sensor_msgs/msg/CompressedImage"
 
@@ -195,6 +197,12 @@ def decode_odometry(payload: bytes) -> Odometry:
 def encode_velocity(velocity: Velocity) -> bytes:
     """Return the velocity as geometry_msgs/Twist: 52 bytes."""
     return _encode(_twist(velocity), _TWIST)
+
+
+def encode_stamped_velocity(velocity: Velocity, stamp_ns: int) -> bytes:
+    """Return the velocity as geometry_msgs/TwistStamped in ``base_link``."""
+    header = _header(stamp_ns, ROBOT_FRAME)
+    return _encode(_make(_TWIST_STAMPED, header=header, twist=_twist(velocity)), _TWIST_STAMPED)
 
 
 def decode_velocity(payload: bytes) -> Velocity:

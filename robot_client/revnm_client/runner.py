@@ -1,6 +1,6 @@
 """The live loop on the robot: messages in, :class:`RobotAgent`, velocity out, 20 times a second.
 
-Everything that touches the network or reads a clock is here; everything that decides is in the agent. All
+Everything that touches the network, the robot or a clock is here; everything that decides is in the agent. All
 of it happens in one thread, so nothing is locked, except for the question for the server's time.
 """
 
@@ -10,23 +10,22 @@ import logging
 import re
 import threading
 import time
-from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import Self
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
-import zenoh
-
-from revnm_client import cdr, keys
+from revnm_client import keys
 from revnm_client.agent import RobotAgent
 from revnm_client.clock import ClockJump
-from revnm_client.clock_probe import ClockProbe
-from revnm_client.control_messages import StopReply, StopRequest, encode_state
+from revnm_client.control_messages import StopReply, StopRequest
+from revnm_client.drivers import DriverContext, RobotDriver, open_driver
 from revnm_client.errors import MessageError
 from revnm_client.json_payload import Scalar
-from revnm_client.link import Inbox, LatestSubscriber, control_publisher, open_client
-from revnm_client.messages import STANDSTILL, Odometry, Plan, Scan, Velocity
+from revnm_client.link import open_client
+from revnm_client.messages import STANDSTILL, Velocity
 from revnm_client.pacing import Pacer
-from revnm_client.stop_desk import StopDesk
+from revnm_client.server_link import ServerLink
 
 _log = logging.getLogger(__name__)
 
@@ -35,17 +34,21 @@ _STALL_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class RunnerSettings:
-    """Which robot, and where its server is.
+    """Which robot, what carries it, and where its server is.
 
     Attributes:
         robot: Name of the robot in the keys.
         connect: Endpoints of the router, such as ``tcp/192.168.1.5:7447``.
+        driver: What :func:`revnm_client.drivers.open_driver` opens.
+        driver_options: Of the driver.
         period_s: Time between ticks.
         state_every: Ticks from one state message to the next.
     """
 
     robot: str
     connect: tuple[str, ...]
+    driver: str = "zenoh"
+    driver_options: Mapping[str, Any] = field(default_factory=dict)
     period_s: float = 0.05
     state_every: int = 10
 
@@ -53,48 +56,15 @@ class RunnerSettings:
         keys.check_name(self.robot)
 
 
-class _Wires:
-    """What the robot's client declares in its session; a context manager."""
+class _Ends(NamedTuple):
+    """What the loop stands between."""
 
-    def __init__(self, session: zenoh.Session, robot: str) -> None:
-        with ExitStack() as stack:
-            scan = stack.enter_context(LatestSubscriber(session, keys.scan(robot)))
-            odometry = stack.enter_context(LatestSubscriber(session, keys.odom(robot)))
-            plan = stack.enter_context(LatestSubscriber(session, keys.waypoints(robot)))
-            self.scans: Inbox[Scan] = Inbox(scan, cdr.decode_scan)
-            self.odometry: Inbox[Odometry] = Inbox(odometry, cdr.decode_odometry)
-            self.plans: Inbox[Plan] = Inbox.with_attachment(plan, cdr.decode_plan)
-            self.velocity = stack.enter_context(control_publisher(session, keys.cmd_vel(robot)))
-            self.state = stack.enter_context(control_publisher(session, keys.state(robot)))
-            self.stop_desk = stack.enter_context(StopDesk(session, robot))
-            self.probe = stack.enter_context(ClockProbe(session, robot))
-            self._stack = stack.pop_all()
-
-    @property
-    def last_error(self) -> str:
-        """Why a malformed message was dropped last, of one kind or another; empty when none was."""
-        errors = [inbox.last_error for inbox in self.inboxes]
-        errors += [self.stop_desk.last_error, self.probe.reading().last_error]
-        return next((error for error in errors if error), "")[:200]
-
-    @property
-    def inboxes(self) -> tuple[Inbox[Scan], Inbox[Odometry], Inbox[Plan]]:
-        return self.scans, self.odometry, self.plans
-
-    @property
-    def rejected(self) -> int:
-        """Number of malformed messages of every kind."""
-        return sum(inbox.rejected for inbox in self.inboxes) + self.stop_desk.rejected + self.probe.reading().rejected
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+    driver: RobotDriver
+    server: ServerLink
 
 
 class RobotRunner:
-    """Runs the agent against a Zenoh router until told to stop.
+    """Runs the agent between a robot and its server until told to stop.
 
     Attributes:
         commanded: The velocity that was last sent, or could not be sent, to the base.
@@ -114,71 +84,79 @@ class RobotRunner:
         """Connect, drive until ``stop`` is set, then command standstill and disconnect.
 
         Raises:
-            LinkError: ``stop`` was set before there was a connection.
+            ConfigError: There is no such driver, or it takes other options.
+            LinkError: ``stop`` was set before there was a connection, or the robot cannot be reached.
         """
-        with (
-            open_client(self._settings.connect, stop=stop) as session,
-            _Wires(session, self._settings.robot) as wires,
-        ):
-            try:
-                self._loop(wires, stop)
-            finally:
-                self._send(wires, STANDSTILL)
+        settings = self._settings
+        with open_client(settings.connect, stop=stop) as session:
+            context = DriverContext(settings.robot, session)
+            with (
+                ServerLink(session, settings.robot) as server,
+                closing(open_driver(settings.driver, settings.driver_options, context)) as driver,
+            ):
+                self._loop(_Ends(driver, server), stop)
 
-    def _loop(self, wires: _Wires, stop: threading.Event) -> None:
+    def _loop(self, ends: _Ends, stop: threading.Event) -> None:
         pacer = Pacer(self._settings.period_s, time.monotonic())
         due_s = time.monotonic()
         index = 0
         while not stop.is_set():
             begin_s = time.monotonic()
             if begin_s - due_s > _STALL_S:
-                self._drop_unknown_age(wires, begin_s - due_s)
-            self._tick(wires)
+                self._drop_unknown_age(ends, begin_s - due_s)
+            self._tick(ends)
             if index % self._settings.state_every == 0:
-                self._report(wires)
+                self._report(ends)
             index += 1
             end_s = time.monotonic()
             due_s = pacer.next_due_s(end_s)
             stop.wait(due_s - end_s)
 
-    def _drop_unknown_age(self, wires: _Wires, late_s: float) -> None:
-        """Empty the inboxes: nobody knows how long ago what lies there came in."""
+    def _drop_unknown_age(self, ends: _Ends, late_s: float) -> None:
+        """Leave out what waits: nobody knows how long ago it came in."""
         _log.warning("tick is %.2f s late", late_s)
-        for inbox in wires.inboxes:
-            inbox.take()
+        ends.driver.take_scan()
+        ends.driver.take_odometry()
+        ends.server.plans.take()
 
-    def _tick(self, wires: _Wires) -> None:
+    def _tick(self, ends: _Ends) -> None:
         """Read, decide, send; whatever goes wrong, the base gets a velocity."""
         try:
-            velocity, reason = self._decide(wires)
+            velocity, reason = self._decide(ends)
         except Exception as error:  # the outermost loop of this thread: counted, reported, and standstill
             self.failures += 1
             velocity, reason = STANDSTILL, f"tick failed: {error!r:.200}"
             if _condition(reason) != _condition(self._reason):
                 _log.exception("tick failed")
-        self._send(wires, velocity)
+        self._send(ends, velocity)
         if _condition(reason) != _condition(self._reason):
             _log.info("driving" if reason is None else f"stopped: {reason}")
         self._reason = reason
 
-    def _decide(self, wires: _Wires) -> tuple[Velocity, str | None]:
-        wires.stop_desk.serve(self._obey)
+    def _decide(self, ends: _Ends) -> tuple[Velocity, str | None]:
+        ends.server.stop_desk.serve(self._obey)
         now_ns = time.time_ns()
         if self._jump.check(now_ns, time.monotonic_ns()):
             _log.warning("the wall clock was set: the server's time is asked for anew")
-            wires.probe.forget()
-        reading = wires.probe.reading()
+            ends.server.probe.forget()
+        reading = ends.server.probe.reading()
+        self._agent.set_trouble(ends.driver.trouble())
         self._agent.set_clock_offset(reading.offset_ns, round_trip_ns=reading.round_trip_ns)
-        self._read(wires, now_ns)
+        self._read(ends, now_ns)
         tick = self._agent.tick(now_ns)
         return tick.velocity, tick.reason
 
-    def _read(self, wires: _Wires, now_ns: int) -> None:
-        if (odometry := wires.odometry.take()) is not None:
+    def _read(self, ends: _Ends, now_ns: int) -> None:
+        driver, server = ends
+        if (odometry := driver.take_odometry()) is not None:
             self._agent.on_odometry(odometry, now_ns)
-        if (scan := wires.scans.take()) is not None:
+            if not driver.shared:
+                server.share_odometry(odometry)
+        if (scan := driver.take_scan()) is not None:
             self._agent.on_scan(scan, now_ns)
-        if (plan := wires.plans.take()) is not None:
+            if not driver.shared:
+                server.share_scan(scan)
+        if (plan := server.plans.take()) is not None:
             self._agent.on_plan(plan, now_ns)
 
     def _obey(self, request: StopRequest) -> StopReply:
@@ -191,27 +169,28 @@ class RobotRunner:
         _log.info("%s, epoch %d", request.action, request.epoch)
         return StopReply(stopped=self._agent.stopped, epoch=self._agent.epoch)
 
-    def _send(self, wires: _Wires, velocity: Velocity) -> None:
+    def _send(self, ends: _Ends, velocity: Velocity) -> None:
         self.commanded = velocity
         try:
-            wires.velocity.put(cdr.encode_velocity(velocity))
-        except zenoh.ZError as error:
+            ends.driver.drive(velocity)
+        except Exception as error:  # of a driver from anywhere: the next tick tries again
             self.failures += 1
             _log.warning("cannot send a velocity: %s", error)
 
-    def _report(self, wires: _Wires) -> None:
+    def _report(self, ends: _Ends) -> None:
         try:
-            wires.state.put(encode_state(self._state(wires)))
+            ends.server.tell(self._state(ends))
         except Exception:  # the state is for display: the loop goes on without it
             self.failures += 1
             _log.exception("cannot send the state")
 
-    def _state(self, wires: _Wires) -> dict[str, Scalar]:
+    def _state(self, ends: _Ends) -> dict[str, Scalar]:
         """Return the agent's state, corrected by what only the loop knows."""
         state: dict[str, Scalar] = self._agent.state(time.time_ns())
-        malformed = wires.rejected
+        malformed = ends.driver.rejected + ends.server.rejected
+        last_error = (ends.driver.last_error or ends.server.last_error)[:200]
         if malformed > self._reported_rejected:
-            _log.warning("%d malformed messages so far, the last: %s", malformed, wires.last_error)
+            _log.warning("%d malformed messages so far, the last: %s", malformed, last_error)
             self._reported_rejected = malformed
         return {
             **state,
@@ -220,7 +199,7 @@ class RobotRunner:
             "v_mps": self.commanded.v_mps,
             "w_radps": self.commanded.w_radps,
             "malformed": malformed,
-            "last_malformed": wires.last_error or None,
+            "last_malformed": last_error or None,
             "tick_failures": self.failures,
         }
 

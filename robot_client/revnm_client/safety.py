@@ -56,6 +56,7 @@ class Situation:
 
     Attributes:
         stopped: The stop is latched.
+        trouble: Why the base would not obey, as its driver says; None where all is well.
         clock_known: The offset to the server's clock is known.
         odometry: Newest odometry; None before the first.
         scan: Newest scan.
@@ -63,6 +64,7 @@ class Situation:
     """
 
     stopped: bool
+    trouble: str | None
     clock_known: bool
     odometry: Times | None
     scan: Times | None
@@ -92,6 +94,8 @@ class Supervisor:
         """Return why the robot must stand whatever the command; None if it may drive."""
         if situation.stopped:
             return "stopped by the operator"
+        if situation.trouble is not None:
+            return situation.trouble
         config = self._config
         return (
             self._stale("odometry", situation.odometry, config.max_odometry_age_s, now_ns)

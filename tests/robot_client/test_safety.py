@@ -27,6 +27,7 @@ def ago(milliseconds: int) -> Times:
 def situation(**changes: object) -> Situation:
     good: dict[str, object] = {
         "stopped": False,
+        "trouble": None,
         "clock_known": True,
         "odometry": ago(20),
         "scan": ago(50),
@@ -43,6 +44,7 @@ def test_all_fresh_may_drive() -> None:
     ("changes", "reason"),
     [
         ({"stopped": True}, "stopped by the operator"),
+        ({"trouble": "a bumper is pressed"}, "a bumper is pressed"),
         ({"odometry": None}, "no odometry yet"),
         ({"odometry": ago(400)}, "odometry is 0.4 s old"),
         ({"scan": None}, "no scan yet"),
