@@ -20,6 +20,7 @@ from revnm_client.obstacle_memory import ObstacleMemory
 from revnm_client.plan_gate import PlanGate
 from revnm_client.plan_tracking import OdometryBuffer, TrackedPlan, track
 from revnm_client.safety import SafetyConfig, Situation, Supervisor, Times, Verdict
+from revnm_client.scan_watch import ScanWatch
 
 ARRIVED = "at the end of the plan"
 
@@ -86,6 +87,7 @@ class RobotAgent:
         self._gate = PlanGate()
         self._odometry = OdometryBuffer()
         self._memory = ObstacleMemory()
+        self._watch = ScanWatch()
         self._plan: TrackedPlan | None = None
         self._odometry_times: Times | None = None
         self._scan_times: Times | None = None
@@ -111,6 +113,7 @@ class RobotAgent:
         """Take in odometry. If its frame began anew, remembered obstacles and the plan are dropped."""
         if not self._odometry.add(odometry):
             self._memory.clear()
+            self._watch.forget()
             self._plan = None
             self._scan_times = None
         self._odometry_times = Times(self._odometry.newest_ns, received_ns)
@@ -124,8 +127,10 @@ class RobotAgent:
         if pose is None:
             self._gate.refused["scan_without_odometry"] += 1
             return
-        self._memory.add(scan, pose)
         self._scan_times = Times(scan.stamp_ns, received_ns)
+        self._watch.look(scan, pose)
+        if not self._watch.stuck:
+            self._memory.add(scan, pose)
 
     def on_plan(self, plan: Plan, received_ns: int) -> bool:
         """Take in a plan; return whether it was accepted. A refusal is counted by its reason."""
@@ -209,6 +214,7 @@ class RobotAgent:
             clock_known=self._offset_ns is not None,
             odometry=self._odometry_times,
             scan=self._scan_times,
+            scan_stuck=self._watch.stuck,
             plan=plan,
         )
 

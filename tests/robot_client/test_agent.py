@@ -379,6 +379,29 @@ def test_stands_without_fresh_sensors(driving: Drive) -> None:
     assert driving.agent.tick(later).reason == "scan is 0.5 s old"
 
 
+def test_a_lidar_that_repeats_itself_stops_it_before_the_wall_and_it_goes_on(driving: Drive) -> None:
+    wall_x = driving.pose.x_m + 2.5
+    driving.scene.segments = np.array([[wall_x, -2.0, wall_x, 2.0]])
+    driving._surface = driving.scene.surface()
+    guide = straight_to(np.array([50.0, 0.0]))
+    for _ in range(4):
+        driving.step(guide)
+    assert driving.velocity.v_mps > 0.3
+    frozen = driving._scan()
+    driving._scan = lambda: replace(frozen, stamp_ns=driving.now_ns)  # type: ignore[method-assign]
+    for _ in range(60):
+        driving.step(guide)
+    assert driving.run.reasons[-1] == "scan is stuck: it shows the same while the robot moves"
+    stopped_at = driving.run.reasons.index(driving.run.reasons[-1])
+    assert stopped_at - 34 <= 6  # ticks of 50 ms, scans every other
+    assert driving.velocity == STANDSTILL
+    assert driving.run.contacts == 0
+    del driving._scan  # type: ignore[attr-defined]
+    driving.step(guide)
+    driving.step(guide)
+    assert driving.run.reasons[-1] != "scan is stuck: it shows the same while the robot moves"
+
+
 def test_stop_latches_until_resume_and_a_new_plan(driving: Drive) -> None:
     agent = driving.agent
     agent.stop(5)
