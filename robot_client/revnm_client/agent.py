@@ -6,14 +6,14 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from revnm_client.braking import stopping_poses
 from revnm_client.errors import ConfigError
-from revnm_client.geometry import FloatArray
+from revnm_client.geometry import IDENTITY, FloatArray, Pose2
 from revnm_client.messages import STANDSTILL, Odometry, Plan, Scan, Velocity
 from revnm_client.mppi import Mppi, MppiConfig, MppiInput
 from revnm_client.obstacle_memory import ObstacleMemory
@@ -32,6 +32,7 @@ class AgentConfig:
     Attributes:
         robot: Name, as in the keys.
         seed: Of the controller's noise.
+        lidar: Where the LiDAR sits: ``robot_from_lidar``.
         arrive_m: The robot stands once the last waypoint is this near...
         leave_m: ...and drives again when it is farther than this.
         mppi: The controller.
@@ -40,6 +41,7 @@ class AgentConfig:
 
     robot: str = "robot"
     seed: int = 0
+    lidar: Pose2 = IDENTITY
     arrive_m: float = 0.12
     leave_m: float = 0.2
     mppi: MppiConfig = field(default_factory=MppiConfig)
@@ -130,7 +132,7 @@ class RobotAgent:
         self._scan_times = Times(scan.stamp_ns, received_ns)
         self._watch.look(scan, pose)
         if not self._watch.stuck:
-            self._memory.add(scan, pose)
+            self._memory.add(replace(scan, robot_from_lidar=self._config.lidar), pose)
 
     def on_plan(self, plan: Plan, received_ns: int) -> bool:
         """Take in a plan; return whether it was accepted. A refusal is counted by its reason."""
@@ -202,6 +204,9 @@ class RobotAgent:
             "clock_offset_ms": None if self._offset_ns is None else round(self._offset_ns * 1e-6, 3),
             "round_trip_ms": None if self._round_trip_ns is None else round(self._round_trip_ns * 1e-6, 3),
             "stopping_m": self._stopping_m(),
+            "lidar_x_m": self._config.lidar.x_m,
+            "lidar_y_m": self._config.lidar.y_m,
+            "lidar_yaw_rad": self._config.lidar.yaw_rad,
         }
 
     def _situation(self) -> Situation:

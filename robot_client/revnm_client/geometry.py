@@ -55,6 +55,9 @@ class Pose2(NamedTuple):
         return np.asarray(points_m @ rotation + np.array([self.x_m, self.y_m]))
 
 
+IDENTITY = Pose2(0.0, 0.0, 0.0)
+
+
 def interpolate(a: Pose2, b: Pose2, fraction: float) -> Pose2:
     """Return the pose at ``fraction`` of the way from ``a`` to ``b``, turning the short way round."""
     turn = wrap_angle(b.yaw_rad - a.yaw_rad)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from revnm_client.geometry import FloatArray, Pose2
+from revnm_client.geometry import IDENTITY, FloatArray, Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,11 +20,12 @@ class Scan:
 
     Attributes:
         stamp_ns: Time of the first beam, nanoseconds, clock of the sender.
-        angle_min_rad: Angle of beam 0 in the robot frame, counter-clockwise from forward.
+        angle_min_rad: Angle of beam 0 in the LiDAR's frame, counter-clockwise from its forward.
         angle_increment_rad: Angle between beams; not 0.
         range_min_m: Shortest range that the sensor reports.
         range_max_m: Longest range that the sensor reports.
         ranges_m: (N,) float32; a beam outside [range_min_m, range_max_m], inf included, has no return.
+        robot_from_lidar: Where the LiDAR sits on the robot; no message tells it, the robot's settings do.
     """
 
     stamp_ns: int
@@ -33,6 +34,7 @@ class Scan:
     range_min_m: float
     range_max_m: float
     ranges_m: NDArray[np.float32]
+    robot_from_lidar: Pose2 = IDENTITY
 
     def points_m(self) -> FloatArray:
         """Return the hits (M, 2), M ≤ N, metres, in the robot frame."""
@@ -40,7 +42,8 @@ class Scan:
         index = np.flatnonzero(seen)
         angles = self.angle_min_rad + self.angle_increment_rad * index
         ranges = self.ranges_m[index].astype(np.float64)
-        return np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)  # (M, 2)
+        points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)  # (M, 2), the LiDAR's frame
+        return points if self.robot_from_lidar == IDENTITY else self.robot_from_lidar.apply(points)
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,8 +57,10 @@ def hidden(points_m: FloatArray, scan: Scan) -> NDArray[np.bool_]:
     A beam without return that is not shorter than the shortest range sees everything along it; one that is
     shorter, or no number, sees nothing (drivers report masked beams as 0).
     """
-    distance = np.hypot(points_m[:, 0], points_m[:, 1])
-    bearing = np.arctan2(points_m[:, 1], points_m[:, 0])
+    nearby = np.hypot(points_m[:, 0], points_m[:, 1]) < _NEARBY_M
+    from_lidar = scan.robot_from_lidar.inverse().apply(points_m)
+    distance = np.hypot(from_lidar[:, 0], from_lidar[:, 1])
+    bearing = np.arctan2(from_lidar[:, 1], from_lidar[:, 0])
     step = abs(scan.angle_increment_rad)
     turn = (bearing - scan.angle_min_rad) * math.copysign(1.0, scan.angle_increment_rad)
     beams = len(scan.ranges_m)
@@ -70,4 +72,4 @@ def hidden(points_m: FloatArray, scan: Scan) -> NDArray[np.bool_]:
     reach = np.minimum(reach, np.minimum(np.roll(reach, 1), np.roll(reach, -1)))
     seen_to = reach[np.where(inside, beam, 0)]
     unseen = ~inside | (distance > seen_to + _HIDDEN_M) | (distance < scan.range_min_m)
-    return np.asarray(unseen & (distance < _NEARBY_M))
+    return np.asarray(unseen & nearby)

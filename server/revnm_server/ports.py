@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from revnm_client.geometry import FloatArray
+from revnm_client.geometry import IDENTITY, FloatArray, Pose2
 from revnm_client.messages import Odometry, Scan
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.observation import Image32, ImagePose
@@ -94,12 +94,14 @@ class BeliefRequest:
 class Heard:
     """What a robot sent since it was listened to last, oldest first, stamps in the server's clock.
 
-    ``clock_offset_ns`` was added to the robot's own stamps.
+    ``clock_offset_ns`` was added to the robot's own stamps. ``robot_from_lidar`` is where the scans were taken, as the
+    robot's state tells it; the scans have it, too.
     """
 
     odometry: tuple[Odometry, ...] = ()
     scans: tuple[Scan, ...] = ()
     clock_offset_ns: int = 0
+    robot_from_lidar: Pose2 = IDENTITY
 
 
 class Senses(Protocol):

@@ -19,6 +19,7 @@ import zenoh
 from revnm_client import keys
 from revnm_client.cdr import decode_odometry, decode_scan
 from revnm_client.control_messages import decode_state
+from revnm_client.geometry import IDENTITY, Pose2
 from revnm_client.json_payload import Scalar
 from revnm_client.link import Inbox, LatestSubscriber
 from revnm_client.messages import Odometry, Scan
@@ -29,6 +30,7 @@ _MOST_OFF_NS = 1_000_000_000
 _STEADY_NS = 20_000_000  # an offset that was estimated anew and differs by less is kept: stamps must not jump
 _LARGEST_OFFSET_MS = 1e12
 _NS_PER_MS = 1e6
+_FARTHEST_MOUNTING = math.tau  # metres, radians
 
 Stamped = TypeVar("Stamped", Odometry, Scan)
 
@@ -56,6 +58,25 @@ class RobotClock:
             self.offset_ns = offset_ns
 
 
+class Mounting:
+    """Where a robot's LiDAR sits.
+
+    Attributes:
+        robot_from_lidar: As its state tells it (``lidar_x_m``, ``lidar_y_m``, ``lidar_yaw_rad``), else in its middle,
+            looking forward.
+    """
+
+    def __init__(self) -> None:
+        self.robot_from_lidar = IDENTITY
+
+    def hear(self, state: dict[str, Scalar]) -> None:
+        """Take what the robot says of itself; what is no mounting changes nothing."""
+        told = [state.get(name) for name in ("lidar_x_m", "lidar_y_m", "lidar_yaw_rad")]
+        numbers = [float(each) for each in told if isinstance(each, int | float) and abs(each) <= _FARTHEST_MOUNTING]
+        if len(numbers) == len(told):
+            self.robot_from_lidar = Pose2(*numbers)
+
+
 class RobotSenses:
     """Hears one robot's odometry and scans; only when :meth:`listen` is called, by one thread."""
 
@@ -68,7 +89,7 @@ class RobotSenses:
             now_ns: The server's clock.
         """
         self._now_ns = now_ns
-        self._clock = RobotClock()
+        self._clock, self._mounting = RobotClock(), Mounting()
         self._state = LatestSubscriber(session, keys.state(robot))
         self._odometry = LatestSubscriber(session, keys.odom(robot), waiting=_WAITING)
         self._scans = LatestSubscriber(session, keys.scan(robot))
@@ -91,13 +112,17 @@ class RobotSenses:
         state = self._states.take()
         if state is not None:
             self._clock.hear(state)
+            self._mounting.hear(state)
         since_ns = self._listened_ns
         odometry, scans = self._odometries.take_all(), self._scan_inbox.take_all()
         self._listened_ns = self._now_ns()
+        mounting = self._mounting.robot_from_lidar
+        scans = [replace(scan, robot_from_lidar=mounting) for scan in scans]
         return Heard(
             tuple(self._dated(odometry, self._odometry.key, since_ns)),
             tuple(self._dated(scans, self._scans.key, since_ns)),
             self._clock.offset_ns or 0,
+            mounting,
         )
 
     def close(self) -> None:

@@ -133,8 +133,9 @@ class ScanMemory:
         return hit
 
     def _fan(self, scan: Scan, pose: Pose2) -> Fan:
-        first_rad, step_rad = np.float32(pose.yaw_rad + scan.angle_min_rad), np.float32(scan.angle_increment_rad)
-        return Fan(np.float32(pose.x_m), np.float32(pose.y_m), first_rad, step_rad, self._free_m(scan))
+        lidar = pose @ scan.robot_from_lidar
+        first_rad, step_rad = np.float32(lidar.yaw_rad + scan.angle_min_rad), np.float32(scan.angle_increment_rad)
+        return Fan(np.float32(lidar.x_m), np.float32(lidar.y_m), first_rad, step_rad, self._free_m(scan))
 
     def _free_m(self, scan: Scan) -> NDArray[np.float32]:
         """Return how far each beam (N,) clears; a beam that is no number or too short clears nothing."""

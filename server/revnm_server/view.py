@@ -262,6 +262,7 @@ def scan_view(scan: Scan, *, now_ns: int) -> ScanView:
     nearest = nearest[np.isfinite(padded[nearest])]
     angles = scan.angle_min_rad + scan.angle_increment_rad * nearest
     points = padded[nearest, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    points = scan.robot_from_lidar.apply(points)
     return ScanView(pairs(points, digits=2), round((now_ns - scan.stamp_ns) / 1e9, 3))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -138,3 +139,25 @@ def test_places_outside_a_half_scan_are_remembered() -> None:
     empty = Scan(100 * MS, -math.pi / 2, math.pi / 180, 0.05, 10.0, np.full(180, np.inf, dtype=np.float32))
     memory.add(empty, Pose2(0.0, 0.0, math.pi))  # turned round: the point lies behind now
     np.testing.assert_allclose(memory.points_m(Pose2(0.0, 0.0, math.pi)), [[-1.0, 0.0]], atol=1e-6)
+
+
+BACKWARDS = Pose2(0.2, 0.0, math.pi)  # a LiDAR on the nose that looks behind
+
+
+def test_points_lie_where_the_lidar_sits() -> None:
+    memory = ObstacleMemory()
+    memory.add(replace(scan(with_beam(1.0, 0, spread=0), 0), robot_from_lidar=BACKWARDS), Pose2(5.0, 0.0, 0.0))
+    np.testing.assert_allclose(memory.points_m(Pose2(5.0, 0.0, 0.0)), [[-0.8, 0.0]], atol=1e-6)
+
+
+def test_what_hides_is_judged_from_where_the_lidar_sits() -> None:
+    memory = ObstacleMemory()
+    here = Pose2(0.0, 0.0, 0.0)
+    memory.add(replace(scan(with_beam(2.0, 0, spread=0), 0), robot_from_lidar=BACKWARDS), here)
+    hides = replace(scan(with_beam(0.5, 0), 100), robot_from_lidar=BACKWARDS)
+    memory.add(hides, here)
+    assert np.abs(memory.points_m(here) - [-1.8, 0.0]).max(axis=1).min() < 1e-6
+    memory.add(
+        replace(scan(with_beam(0.5, 180), 200), robot_from_lidar=BACKWARDS), here
+    )  # the other side: seen through
+    assert np.abs(memory.points_m(here) - [-1.8, 0.0]).max(axis=1).min() > 0.5

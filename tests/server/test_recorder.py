@@ -30,6 +30,7 @@ from revnm_client.cdr import (
 )
 from revnm_client.control_messages import encode_state
 from revnm_client.errors import ConfigError
+from revnm_client.geometry import Pose2
 from revnm_client.messages import Plan, Velocity
 from revnm_server.camera.jpeg import decode_jpeg
 from revnm_server.ports import Heard
@@ -90,7 +91,7 @@ def test_a_tick_is_recorded_for_viewers(router: zenoh.Session, tmp_path: Path) -
     heard = HeardLog()
     with recorder(router, tmp_path, heard=heard) as made:
         made.start()
-        heard.along("rover", Saying(Heard((odometry(STAMP_NS, 1.0),), (), 0))).listen()
+        heard.along("rover", Saying(Heard((odometry(STAMP_NS, 1.0),), (), 0, Pose2(0.1, 0.2, 3.0)))).listen()
         tick = observed(0)
         made.observe(tick)
     messages = read(records(tmp_path)[0])

@@ -13,7 +13,7 @@ import zenoh
 from revnm_client import keys
 from revnm_client.cdr import encode_odometry, encode_scan
 from revnm_client.control_messages import encode_state
-from revnm_client.geometry import Pose2
+from revnm_client.geometry import IDENTITY, Pose2
 from revnm_client.link import open_client, open_router
 from revnm_client.messages import STANDSTILL, Odometry, Scan
 from revnm_server.robot_senses import RobotSenses
@@ -138,3 +138,23 @@ def test_garbage_is_counted_and_changes_nothing(ears: Ears) -> None:
         ears.client.put(SCAN, payload)
     eventually(lambda: ears.rejected(SCAN) == before + 4)
     assert ears.scans == []
+
+
+def test_scans_have_the_mounting_that_the_robot_tells(ears: Ears) -> None:
+    def heard() -> bool:
+        ears.client.put(SCAN, encode_scan(scan(time.time_ns())))
+        return ears.listen() and bool(ears.scans)
+
+    eventually(heard)
+    assert ears.scans[-1].robot_from_lidar == IDENTITY
+    ears.say(lidar_x_m=0.1, lidar_y_m=-0.2, lidar_yaw_rad=3)
+    eventually(lambda: heard() and ears.scans[-1].robot_from_lidar == Pose2(0.1, -0.2, 3.0))
+    ears.say(lidar_x_m="ahead", lidar_y_m=0.0, lidar_yaw_rad=0.0)
+    ears.say(lidar_x_m=1e9, lidar_y_m=0.0, lidar_yaw_rad=0.0)
+    ears.say(lidar_yaw_rad=0.0)
+    ears.client.put(SCAN, b"?")
+    before = ears.rejected(SCAN)
+    eventually(lambda: ears.client.put(SCAN, b"?") or ears.rejected(SCAN) > before)  # what was said before has come
+    ears.scans.clear()
+    eventually(heard)
+    assert ears.scans[-1].robot_from_lidar == Pose2(0.1, -0.2, 3.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -121,3 +122,11 @@ def test_half_a_turn_and_clockwise_beams_are_placed_right():
 def test_a_robot_off_the_map_changes_nothing_on_it():
     memory = remembered(scan_of(wall(9.0)), pose=Pose2(-40.0, 0.0, 0.0))
     assert (memory.probability == 0.5).all()
+
+
+def test_beams_start_where_the_lidar_sits():
+    lidar = Pose2(0.3, 0.1, math.pi)  # it looks backwards
+    scan = replace(scan_of(box(6.27, 0.0), wall(9.03), pose=POSE @ lidar), robot_from_lidar=lidar)
+    memory = remembered(scan, scan, scan)
+    assert at(memory.probability, 6.05, 0.05) > 0.9
+    assert all(at(memory.probability, x, 0.35) < 0.25 for x in np.arange(4.25, 5.85, 0.1))

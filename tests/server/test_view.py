@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
+from revnm_client.geometry import Pose2
 from revnm_client.messages import Scan
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.view import FloorCameraView, scan_view
@@ -48,3 +52,11 @@ def test_a_cameras_view_names_its_numbers() -> None:
         2.5,
         -0.1,
     )
+
+
+def test_a_scan_is_shown_where_the_lidar_sits():
+    ranges = np.full(4, np.inf)
+    ranges[0] = 1.0
+    ahead = scan(ranges)
+    turned = replace(ahead, angle_min_rad=0.0, robot_from_lidar=Pose2(0.1, 0.2, math.pi))
+    assert scan_view(turned, now_ns=0).points_m == [(-0.9, 0.2)]

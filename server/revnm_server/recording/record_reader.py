@@ -165,8 +165,13 @@ class _Gathered:
         scans = (self._scans.get((told.robot, stamp_ns)) for stamp_ns in told.scans_ns)
         heard = Heard(
             tuple(replace(o, stamp_ns=o.stamp_ns + told.offset_ns) for o in odometry if o is not None),
-            tuple(replace(s, stamp_ns=s.stamp_ns + told.offset_ns) for s in scans if s is not None),
+            tuple(
+                replace(s, stamp_ns=s.stamp_ns + told.offset_ns, robot_from_lidar=told.robot_from_lidar)
+                for s in scans
+                if s is not None
+            ),
             told.offset_ns,
+            told.robot_from_lidar,
         )
         return Listening(told.robot, heard)
 

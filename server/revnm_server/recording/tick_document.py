@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from revnm_client.errors import FileError
-from revnm_client.geometry import FloatArray
+from revnm_client.geometry import IDENTITY, FloatArray, Pose2
 from revnm_server.calibration.adjustment import Belief
 from revnm_server.calibration.calibrator import CalibrationState
 from revnm_server.mission import Goal
@@ -31,12 +31,14 @@ class HeardStamps:
         offset_ns: Was added to its own stamps.
         odometry_ns: Own stamps of the odometry, oldest first.
         scans_ns: Own stamps of the scans.
+        robot_from_lidar: Where they were taken.
     """
 
     robot: str
     offset_ns: int
     odometry_ns: tuple[int, ...]
     scans_ns: tuple[int, ...]
+    robot_from_lidar: Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,10 +122,7 @@ def decode_tick(text: str) -> TickDocument:
             original_picture=bool(fields["original_picture"]),
             seq=int(fields["seq"]),
             stamp_ns=int(fields["stamp_ns"]),
-            heard=tuple(
-                HeardStamps(str(each["robot"]), int(each["offset_ns"]), _ints(each["odom"]), _ints(each["scan"]))
-                for each in fields["heard"]
-            ),
+            heard=tuple(_heard_stamps(each) for each in fields["heard"]),
             goals={str(robot): _goal(goal) for robot, goal in fields["goals"].items()},
             plans_m={str(robot): _waypoints(points) for robot, points in fields["plans_m"].items()},
             reasons={str(robot): str(reason) for robot, reason in fields["reasons"].items()},
@@ -143,7 +142,14 @@ def _heard(listening: Listening) -> dict[str, Any]:
         "offset_ns": offset_ns,
         "odom": [odometry.stamp_ns - offset_ns for odometry in heard.odometry],
         "scan": [scan.stamp_ns - offset_ns for scan in heard.scans],
+        "lidar": list(heard.robot_from_lidar),
     }
+
+
+def _heard_stamps(fields: dict[str, Any]) -> HeardStamps:
+    x_m, y_m, yaw_rad = (float(value) for value in fields.get("lidar", IDENTITY))  # records of before have none
+    robot, offset_ns = str(fields["robot"]), int(fields["offset_ns"])
+    return HeardStamps(robot, offset_ns, _ints(fields["odom"]), _ints(fields["scan"]), Pose2(x_m, y_m, yaw_rad))
 
 
 def _ints(values: Sequence[Any]) -> tuple[int, ...]:
