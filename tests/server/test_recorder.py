@@ -39,6 +39,7 @@ from revnm_server.recording.entry_queue import EntryQueue, LogEntry, TickEntry
 from revnm_server.recording.errors import RecordingError
 from revnm_server.recording.heard_log import HeardLog
 from revnm_server.recording.recorder import Recorder
+from revnm_server.recording.tick_document import HeardStamps, decode_tick
 from revnm_server.report import installed_versions
 from revnm_server.settings import load_settings
 
@@ -127,7 +128,13 @@ def test_a_tick_is_recorded_for_viewers(router: zenoh.Session, tmp_path: Path) -
     assert [(t.header.frame_id, t.child_frame_id) for t in still] == [("rover/base_link", "base_link")]
     document = json.loads(messages["/revnm/tick"][0].data)
     assert document["plans_m"] == {"rover": PLAN_M.tolist()}
-    assert document["heard"] == [{"robot": "rover", "offset_ns": 0, "odom": [STAMP_NS], "scan": []}]
+    heard_then = {"robot": "rover", "offset_ns": 0, "odom": [STAMP_NS], "scan": [], "lidar": [0.1, 0.2, 3.0]}
+    assert document["heard"] == [heard_then]
+    told = decode_tick(messages["/revnm/tick"][0].data).heard[0]
+    assert told == HeardStamps("rover", 0, (STAMP_NS,), (), Pose2(0.1, 0.2, 3.0))
+    del heard_then["lidar"]  # as in records of before
+    old = decode_tick(json.dumps(document | {"heard": [heard_then]})).heard[0]
+    assert old.robot_from_lidar == Pose2(0.0, 0.0, 0.0)
     assert document["calibration"]["status"] == "good"
     assert messages["/diagnostics"][0].status[0].name == "revnm: camera"
 
