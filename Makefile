@@ -2,6 +2,7 @@
 #             PLANNER=bev plans without the learnt policy
 # make check  format, lint, types, architecture
 # make test   all tests but the slow ones
+# make test-training   the slow tests of training and export (ten minutes); make test-slow has all that are slow
 # make browser   installs Chromium (Debian, as root), without which the tests of the page are skipped
 # make train  makes data and trains the edge models from nothing (three hours on two cores), into runs/
 
@@ -13,7 +14,7 @@ SEED ?= 0
 JOBS ?= 2
 TRAIN := $(BIN)/revnm-train
 
-.PHONY: demo check format test test-slow browser train clean
+.PHONY: demo check format test test-training test-slow browser train clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/revnm-sim demo --seed $(SEED) $(if $(HEADLESS),--headless) $(if $(PLANNER),--planner $(PLANNER))
@@ -30,6 +31,9 @@ format: $(VENV)/dev.stamp
 
 test: $(VENV)/dev.stamp
 	$(BIN)/pytest --quiet
+
+test-training: $(VENV)/dev.stamp
+	$(BIN)/pytest --quiet -m slow tests/training tests/sim/test_engine.py
 
 test-slow: $(VENV)/dev.stamp
 	$(PIP) --group slow

@@ -22,6 +22,7 @@ def timeless(results: dict[TrialKey, TrialResult]) -> dict[TrialKey, TrialResult
     return {key: replace(result, tick_p50_ms=0.0, robot_tick_p50_ms=0.0) for key, result in results.items()}
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_gives_what_local_processes_give() -> None:
     local = dict(Engine("local", 2).map(run_trial, KEYS))
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:

@@ -18,6 +18,8 @@ from revnm_training.kept_part import kept_part
 from revnm_training.preset import Preset, load_preset
 from revnm_training.train_policy import policy_network
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module", params=["edge", "picture"])
 def preset(request: pytest.FixtureRequest) -> Preset:

@@ -17,6 +17,8 @@ from revnm_training.checkpoint import load_checkpoint
 from revnm_training.cli import main
 from revnm_training.preset import load_preset
 
+pytestmark = pytest.mark.slow
+
 ONE_WIDTH = {"width": 8, "blocks": [1, 1]}
 
 
