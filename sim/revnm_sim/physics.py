@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 import pybullet
 
-from revnm_client.geometry import Pose2
+from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import STANDSTILL, Velocity
 from revnm_sim.robot import RobotSpec
 from revnm_sim.robot_model import LEFT_JOINT, RIGHT_JOINT, WHEEL_RADIUS_M, wheel_track_m
@@ -90,6 +90,13 @@ class Physics:
             forces=[_WHEEL_TORQUE_NM, _WHEEL_TORQUE_NM],
             physicsClientId=self._client,
         )
+
+    def move_last_obstacle(self, place_m: FloatArray) -> None:
+        """Put the world's last obstacle, which must be as low as the robot is high, at (x, y), metres."""
+        body = self._obstacles[-1]
+        (_, _, z), turn = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
+        pybullet.resetBasePositionAndOrientation(body, (*place_m, z), turn, physicsClientId=self._client)
+        self._centres_m[-1] = place_m
 
     def tick(self) -> None:
         """Advance by ``TICK_NS``."""

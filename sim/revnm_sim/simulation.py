@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from revnm_client.geometry import Pose2
+from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Odometry, Scan, Velocity
 from revnm_sim.actuator import Actuator, ActuatorSpec
 from revnm_sim.physics import TICK_NS, Physics
@@ -17,7 +18,7 @@ from revnm_sim.render import CameraRenderer
 from revnm_sim.robot_model import WHEEL_RADIUS_M, wheel_track_m
 from revnm_sim.scenario import Scenario
 from revnm_sim.sensors import Lidar, LidarSpec, OdometrySpec, WheelOdometry
-from revnm_sim.world import primitive_arrays
+from revnm_sim.world import Primitive, primitive_arrays
 
 TAG_ID = 3
 _CLEARANCE_TICKS = 4  # 50 ms, 2.5 cm of driving
@@ -29,19 +30,23 @@ class Simulation:
     Equal scenarios, seeds and commands give equal results. Stamps are simulated time, from 0.
     """
 
-    def __init__(self, scenario: Scenario, seed: int) -> None:
+    def __init__(self, scenario: Scenario, seed: int, *, walker: Primitive | None = None) -> None:
         """Set the robot on its start, standing.
 
         Args:
             scenario: World, camera, robot and start.
             seed: Of the errors of LiDAR and odometry.
+            walker: What stands on the floor beside the world's own and can be moved; pictures do not show it.
         """
-        robot = scenario.robot
+        robot, world = scenario.robot, scenario.world
+        if walker is not None:
+            world = replace(world, primitives=(*world.primitives, walker))
         self._scenario = scenario
-        self._physics = Physics(scenario.world, scenario.start, robot)
+        self._physics = Physics(world, scenario.start, robot)
         self._actuator = Actuator(ActuatorSpec(max_v_mps=robot.max_v_mps, max_w_radps=robot.max_w_radps))
         self._odometry = WheelOdometry(WHEEL_RADIUS_M, wheel_track_m(robot), OdometrySpec(), seed)
-        self._lidar = Lidar(primitive_arrays(scenario.world.primitives), robot.lidar_height_m, LidarSpec(), seed)
+        self._seen = primitive_arrays(world.primitives)
+        self._lidar = Lidar(self._seen, robot.lidar_height_m, LidarSpec(), seed)
         self._renderer: CameraRenderer | None = None
         self._ticks = 0
         self._due_ns = 0
@@ -67,6 +72,11 @@ class Simulation:
     def command(self, velocity: Velocity) -> None:
         """Send a velocity to the base, which delays it, limits it, and brakes when none follows."""
         self._actuator.command(velocity, self.time_ns)
+
+    def move_walker(self, place_m: FloatArray) -> None:
+        """Put the walker, with which the simulation was made, at (x, y), metres."""
+        self._seen.centre_m[-1, :2] = place_m
+        self._physics.move_last_obstacle(place_m)
 
     def advance(self, dt_s: float) -> None:
         """Let ``dt_s`` pass, rounded down to whole ticks; what is left over counts next time."""

@@ -144,32 +144,36 @@ def test_table_has_a_line_for_every_row_and_nothing_for_none() -> None:
 # Journal.
 
 
+def journal_at(path: Path) -> Journal[TrialKey, TrialResult]:
+    return Journal(path, TrialKey, TrialResult)
+
+
 def test_a_journal_gives_back_what_was_added(tmp_path: Path) -> None:
-    journal = Journal(tmp_path / "trials.jsonl")
+    journal = journal_at(tmp_path / "trials.jsonl")
     journal.add(KEY, ARRIVED)
     journal.add(replace(KEY, pair=1), TOUCHED)
-    assert Journal(tmp_path / "trials.jsonl").results == {KEY: ARRIVED, replace(KEY, pair=1): TOUCHED}
+    assert journal_at(tmp_path / "trials.jsonl").results == {KEY: ARRIVED, replace(KEY, pair=1): TOUCHED}
 
 
 def test_a_line_that_was_cut_short_is_dropped_and_the_file_goes_on(tmp_path: Path) -> None:
     path = tmp_path / "trials.jsonl"
-    journal = Journal(path)
+    journal = journal_at(path)
     journal.add(KEY, ARRIVED)
     journal.add(replace(KEY, pair=1), TOUCHED)
     path.write_bytes(path.read_bytes()[:-9])
-    again = Journal(path)
+    again = journal_at(path)
     assert again.results == {KEY: ARRIVED}
     again.add(replace(KEY, pair=2), LATE)
-    assert Journal(path).results == {KEY: ARRIVED, replace(KEY, pair=2): LATE}
+    assert journal_at(path).results == {KEY: ARRIVED, replace(KEY, pair=2): LATE}
 
 
 @pytest.mark.parametrize("line", ["hello", "3", "{}", '{"key": {"moon": 1}, "result": {}}', '{"key": [], "result": 1}'])
 def test_a_foreign_line_is_refused_by_its_number(tmp_path: Path, line: str) -> None:
     path = tmp_path / "trials.jsonl"
-    Journal(path).add(KEY, ARRIVED)
+    journal_at(path).add(KEY, ARRIVED)
     path.write_text(path.read_text() + line + "\n")
     with pytest.raises(FileError, match=r"trials\.jsonl: line 2: no finished trial"):
-        Journal(path)
+        journal_at(path)
     assert path.read_text().splitlines()[1] == line  # nothing was changed
 
 

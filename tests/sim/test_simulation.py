@@ -115,3 +115,16 @@ def test_a_minute_passes_much_faster_than_real_time() -> None:
         began = time.process_time()
         drive(simulation, Velocity(0.2, 0.5), 60.0)
         assert time.process_time() - began < 6.0  # about 1 s where nothing else runs
+
+
+def test_a_walker_is_seen_and_felt_where_it_was_moved_to() -> None:
+    walker = Primitive(Shape.CYLINDER, (0.0, 3.0, 0.5), (0.4, 0.4, 1.0), 0.0, (60, 200, 60))
+    with Simulation(SCENARIO, seed=1, walker=walker) as simulation:
+        simulation.move_walker(np.array([-1.0, 0.0]))  # straight behind, where beam 0 looks
+        simulation.advance(0.05)
+        assert simulation.scan().ranges_m[0] == pytest.approx(0.8, abs=0.06)
+        assert simulation.clearance_m == pytest.approx(1.0 - 0.2 - 0.215, abs=0.01)
+        assert not simulation.in_contact
+        simulation.move_walker(np.array([-0.4, 0.0]))
+        simulation.advance(0.05)
+        assert simulation.in_contact

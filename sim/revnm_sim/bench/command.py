@@ -9,14 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
 from revnm_client.errors import ConfigError
 from revnm_server.bundle import default_bundle_path
 from revnm_server.checked_file import file_sha256
 from revnm_server.manifest import MANIFEST, read_manifest
 from revnm_sim.bench.journal import Journal
 from revnm_sim.bench.methods import METHODS, WITH_DEPTH_NETWORK, WITH_MODELS, WITH_OWN_BUNDLE
+from revnm_sim.bench.progress import run_missing
 from revnm_sim.bench.protocol import PROTOCOLS, Protocol, draw_setting, fit_protocol, parse_protocol
 from revnm_sim.bench.publish import publish
 from revnm_sim.bench.report import make_folder
@@ -68,22 +67,11 @@ def run(args: argparse.Namespace) -> int:
     keys = trial_keys(args)
     make_folder(args.out)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: the workers end, too
-    journal = Journal(args.out / "trials.jsonl")
-    run_trials(keys, engine, journal)
+    journal = Journal(args.out / "trials.jsonl", TrialKey, TrialResult)
+    run_missing(run_trial, keys, engine, journal, _Tally().count)
     command = shlex.join(["revnm-sim", "bench", *_options(args)])
     print(publish({key: journal.results[key] for key in keys}, args.out, command))
     return 0
-
-
-def run_trials(keys: Sequence[TrialKey], engine: Engine, journal: Journal) -> None:
-    """Run the trials that a journal lacks; each is in it as soon as it has ended."""
-    missing = [key for key in keys if key not in journal.results]
-    tally = _Tally()
-    with tqdm(total=len(keys), initial=len(keys) - len(missing), unit="trial", smoothing=0.05) as bar:
-        for key, result in engine.map(run_trial, missing):
-            journal.add(key, result)
-            bar.set_postfix_str(tally.count(key, result), refresh=False)
-            bar.update()
 
 
 class _Tally:

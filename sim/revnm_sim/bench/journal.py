@@ -4,23 +4,35 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from revnm_client.errors import FileError
-from revnm_sim.bench.trial import TrialKey, TrialResult
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+KeyT = TypeVar("KeyT", bound="DataclassInstance")
+ResultT = TypeVar("ResultT", bound="DataclassInstance")
 
 
-class Journal:
+class Journal(Generic[KeyT, ResultT]):
     """A file of finished trials; a last line that was cut short is dropped."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, key: Callable[..., KeyT], result: Callable[..., ResultT]) -> None:
         """Read what is there.
+
+        Args:
+            path: The file.
+            key: Makes a key of its fields.
+            result: Makes a result of its fields.
 
         Raises:
             FileError: A line is no finished trial; the text names file and line.
         """
         self._path = path
-        self.results: dict[TrialKey, TrialResult] = {}
+        self.results: dict[KeyT, ResultT] = {}
         content = path.read_bytes() if path.exists() else b""
         whole = content[: content.rfind(b"\n") + 1]
         if whole != content:
@@ -29,11 +41,11 @@ class Journal:
         for number, line in enumerate(whole.splitlines(), start=1):
             try:
                 record = json.loads(line)
-                self.results[TrialKey(**record["key"])] = TrialResult(**record["result"])
+                self.results[key(**record["key"])] = result(**record["result"])
             except (ValueError, KeyError, TypeError) as error:
                 raise FileError(f"{path}: line {number}: no finished trial: {error}") from error
 
-    def add(self, key: TrialKey, result: TrialResult) -> None:
+    def add(self, key: KeyT, result: ResultT) -> None:
         """Append a finished trial."""
         self.results[key] = result
         record = {"key": dataclasses.asdict(key), "result": dataclasses.asdict(result)}
