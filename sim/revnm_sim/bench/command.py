@@ -1,4 +1,4 @@
-"""``revnm-sim bench``: methods against each other in closed loop."""
+"""``revnm-sim bench``: methods against each other in closed loop, and the suites of the robot's own controller."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from revnm_sim.bench.progress import run_missing
 from revnm_sim.bench.protocol import PROTOCOLS, Protocol, draw_setting, fit_protocol, parse_protocol
 from revnm_sim.bench.publish import publish
 from revnm_sim.bench.report import make_folder
+from revnm_sim.bench.suites import SUITES, run_suite
 from revnm_sim.bench.trial import TrialKey, TrialResult, run_trial
 from revnm_sim.engine import ENGINES, Engine
 from revnm_sim.worlds import WORLDS, named_site
@@ -29,6 +30,19 @@ _DEFAULT_METHODS = tuple(name for name in METHODS if name not in WITH_OWN_BUNDLE
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the command."""
+    parser.add_argument(
+        "--suite",
+        choices=("methods", *SUITES),
+        default="methods",
+        help="methods against each other; the controller's courses; or faults on the way (default: methods)",
+    )
+    parser.add_argument(
+        "--scenes",
+        type=int,
+        default=200,
+        help="suite controller: random scenes, and a tenth as many of each other course (default: 200)",
+    )
+    parser.add_argument("--runs", type=int, default=100, help="suite faults: runs with each fault (default: 100)")
     parser.add_argument(
         "--world",
         default=",".join(PAPER_WORLDS),
@@ -64,9 +78,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the benchmark, or what is missing of it, write the report and print its table."""
     engine = Engine(args.engine, args.jobs, args.address)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: the workers end, too
+    if args.suite != "methods":
+        print(run_suite(args, engine))
+        return 0
     keys = trial_keys(args)
     make_folder(args.out)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: the workers end, too
     journal = Journal(args.out / "trials.jsonl", TrialKey, TrialResult)
     run_missing(run_trial, keys, engine, journal, _Tally().count)
     command = shlex.join(["revnm-sim", "bench", *_options(args)])

@@ -27,10 +27,10 @@ from revnm_sim.simulation import Simulation
 from revnm_sim.world import primitive_arrays
 
 CONTROL_S = 0.05
-_CONTROLS_PER_SCAN = 2
-_CONTROLS_PER_PICTURE = 4
+CONTROLS_PER_SCAN = 2
+CONTROLS_PER_PICTURE = 4
 _CONTROLS_PER_TRACK_POINT = 10
-_PLAN_DELAY_NS = 100_000_000
+PLAN_DELAY_NS = 100_000_000
 TIME_LIMIT_S = 60.0
 
 
@@ -164,11 +164,11 @@ class Trial:
         odometry = self._simulation.odometry()
         self._agent.on_odometry(odometry, now_ns)
         self._feed.odometry.append(odometry)
-        if step % _CONTROLS_PER_SCAN == 0:
+        if step % CONTROLS_PER_SCAN == 0:
             scan = self._simulation.scan()
             self._agent.on_scan(scan, now_ns)
             self._feed.scans.append(scan)
-        if step % _CONTROLS_PER_PICTURE == 0:
+        if step % CONTROLS_PER_PICTURE == 0:
             self._make_plan(now_ns)
         while self._plans and self._plans[0][0] <= now_ns:
             self._agent.on_plan(self._plans.popleft()[1], now_ns)
@@ -180,7 +180,7 @@ class Trial:
         self._plan_ms.append((time.perf_counter() - started) * 1e3)
         if waypoints is not None:
             plan = Plan(now_ns, waypoints, epoch=1, seq=len(self._plan_ms), goal_id="goal")
-            self._plans.append((now_ns + _PLAN_DELAY_NS, plan))
+            self._plans.append((now_ns + PLAN_DELAY_NS, plan))
 
     def _control(self) -> None:
         started = time.perf_counter()
