@@ -98,14 +98,18 @@ def test_odometry_jumps_by_metres_for_good_or_lags_for_a_while() -> None:
         assert fault.odometry(odometry(1.0, 2.0)) == odometry(1.0, 2.0)
         fault.begin()
         first, then = fault.odometry(odometry(1.05, 2.0)), fault.odometry(odometry(1.1, 2.3))
+        during = fault.plans([plan(1)])
         fault.end()
+        assert [got.seq for got in (*during, *fault.plans([plan(2)]))] == [1, 2]  # none is lost
         after = fault.odometry(odometry(1.15, 2.3))
         if first.stamp_ns != 1_050_000_000:
             kinds.add("lag")
+            assert during
             assert 0.5e9 <= 1_050_000_000 - first.stamp_ns <= 3.0e9
             assert after == odometry(1.15, 2.3)
             continue
         kinds.add("jump")
+        assert not during
         a, b = first.odom_from_robot, then.odom_from_robot
         assert 1.0 <= math.dist(a[:2], (2.0, 0.0)) <= 5.0
         assert a.inverse() @ b == pytest.approx(Pose2(0.3, 0.0, 0.0), abs=1e-9)  # what it drives is right

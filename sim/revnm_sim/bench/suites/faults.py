@@ -128,6 +128,7 @@ class OdometryJump(Fault):
         distance_m, bearing = rng.uniform(1.0, 5.0), rng.uniform(-math.pi, math.pi)
         self._shift = Pose2(distance_m * math.cos(bearing), distance_m * math.sin(bearing), rng.uniform(-3.0, 3.0))
         self._new_from_old: Pose2 | None = None
+        self._late: list[Plan] = []
         if not self._lag_ns:
             self.hold_s = 0.0
 
@@ -142,6 +143,13 @@ class OdometryJump(Fault):
         if self._new_from_old is None:
             return odometry
         return replace(odometry, odom_from_robot=self._new_from_old @ pose)
+
+    def plans(self, due: list[Plan]) -> list[Plan]:
+        """Return what is due, one tick late where the pose jumps: else the robot need not stand even for a moment."""
+        plans = [*self._late, *due]
+        jumps = self.active and not self._lag_ns
+        self._late = plans if jumps else []
+        return [] if jumps else plans
 
 
 class PlanFlood(Fault):

@@ -1,9 +1,9 @@
 """Somebody who crosses the robot's way, with a little caution: a cylinder that stops rather than walk into the robot.
 
-The walker keeps to a straight line at an even speed. It stands still while its next half second would bring it nearer
-than 0.3 m to the robot's rectangle as that stands now; it does not foresee where the robot drives, does not dodge, and
-does not mind being near while it walks away. Having waited for 2 s in one go it turns back. So it never runs into a
-robot that stands, but a robot that drives has to see to itself.
+The walker keeps to a straight line at an even speed. It stands still while its next 0.2 s would bring it nearer than
+0.1 m to the robot's rectangle as that stands now; it does not foresee where the robot drives, does not dodge, and does
+not mind being near while it walks away. Having waited for 2 s in one go it turns back. So it never runs into a robot
+that stands, but cuts in closely before one that drives, which has to see to itself.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.mppi import Footprint
 from revnm_sim.world import Primitive, Shape
 
-_FORESIGHT_S = 0.5
+_FORESIGHT_S = 0.2
 _PATIENCE_S = 2.0
-_CAUTION_M = 0.3
+_CAUTION_M = 0.1
 _HEIGHT_M = 1.7
 _COLOUR = (70, 90, 160)
 
@@ -85,7 +85,7 @@ class Walker:
             self.place_m = self.place_m + step_m * min(self._walk.speed_mps * dt_s, length_m)
 
     def _minds(self, direction: FloatArray, robot: Pose2, footprint: Footprint) -> bool:
-        """Tell whether the next half second leads nearer to the robot than the walker likes."""
+        """Tell whether the next steps lead nearer to the robot than the walker likes."""
         reach_m = np.linspace(0.0, self._walk.speed_mps * _FORESIGHT_S, 6)
         places = self.place_m + reach_m[:, None] * direction  # (6, 2)
         gaps_m = rectangle_distance(places, np.array([robot]), footprint)[0] - self._walk.radius_m
