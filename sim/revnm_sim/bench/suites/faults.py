@@ -23,7 +23,7 @@ from revnm_sim.bench.trial import CONTROL_S
 
 _LIMITS = SafetyConfig()
 _WATCHED_S = 10.0  # a fault that does not end
-_STUCK_S = 0.5  # five scans alike at 10 Hz
+_STUCK_S = 0.3  # three scans alike at 10 Hz: by then a robot that drives has moved by 3 cm
 _FLOOD_PER_TICK = round(1000 * CONTROL_S)  # at 1 kHz
 _CLOCK_STEP_NS = 5_000_000_000
 _PROBE_S = (0.1, 1.1)  # until the robot has asked for the server's time anew
