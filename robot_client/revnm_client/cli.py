@@ -10,6 +10,7 @@ from importlib import import_module
 from revnm_client.errors import RevnmError
 
 _HELP = {
+    "bench": "measure the controller and the loop on this machine",
     "run": "follow the server's plans until Ctrl-C",
 }
 

@@ -50,6 +50,11 @@ class DistanceField:
         distance.clip(0.0, reach_m, out=distance)
         return cls(distance.T, half_m, resolution_m)
 
+    @property
+    def distance_m(self) -> Array32:
+        """The distances (side, side), metres, by the cell along x and the cell along y."""
+        return self._flat.reshape(self._side, self._side)
+
     def at(self, x_m: Array32, y_m: Array32) -> Array32:
         """Return the distance, metres, at positions of any one shape."""
         index = self._cell(x_m)
