@@ -78,7 +78,7 @@ def is_collision_course(command: Velocity, now: Velocity, points_m: FloatArray, 
     """
     poses = stopping_poses(command, now, config)
     reach = float(np.hypot(poses[:, 0], poses[:, 1]).max())
-    reach += math.hypot(config.footprint.length_m, config.footprint.width_m) / 2.0 + config.margin_m
+    reach += config.footprint.circumscribed_m + config.margin_m
     near = points_m[np.hypot(points_m[:, 0], points_m[:, 1]) <= reach]
     if not len(near):
         return False
@@ -95,7 +95,7 @@ def rectangle_distance(points_m: FloatArray, poses: FloatArray, footprint: Footp
     dx = points_m[None, :, 0] - poses[:, 0, None]
     dy = points_m[None, :, 1] - poses[:, 1, None]
     cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
-    over_x = np.abs(cos * dx + sin * dy) - footprint.length_m / 2.0
+    over_x = np.abs(cos * dx + sin * dy - footprint.center_x_m) - footprint.length_m / 2.0
     over_y = np.abs(cos * dy - sin * dx) - footprint.width_m / 2.0
     outside = np.hypot(np.maximum(over_x, 0.0), np.maximum(over_y, 0.0))
     return np.asarray(outside + np.minimum(np.maximum(over_x, over_y), 0.0))

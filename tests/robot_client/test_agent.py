@@ -446,7 +446,7 @@ def test_odometry_a_little_ahead_of_the_clock_is_driven_with() -> None:
 
 
 def test_one_robot_has_one_footprint() -> None:
-    wide = MppiConfig(footprint=Footprint(width_m=0.6, circle_radius_m=0.4))
+    wide = MppiConfig(footprint=Footprint(width_m=0.5))
     with pytest.raises(ConfigError, match="footprints"):
         AgentConfig(mppi=wide)
 

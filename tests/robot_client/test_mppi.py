@@ -12,7 +12,7 @@ from revnm_client.messages import STANDSTILL, Velocity
 from revnm_client.mppi import Footprint, Mppi, MppiConfig, MppiInput
 from revnm_client.mppi.distance_field import DistanceField
 from revnm_client.mppi.reference_path import path_ahead
-from revnm_client.mppi.rollout import clearance, roll_out
+from revnm_client.mppi.rollout import clearance, clearance_now, roll_out
 from revnm_client.mppi.sampling import Sampler
 from revnm_client.mppi.smoothing import savitzky_golay
 
@@ -25,14 +25,41 @@ def constant(value: float) -> np.ndarray:
     return np.full((1, CONFIG.steps), value, dtype=np.float32)
 
 
-def test_two_circles_cover_the_footprint() -> None:
-    footprint = Footprint()
+@pytest.mark.parametrize(
+    ("footprint", "count"),
+    [
+        (Footprint(), 2),
+        (Footprint(0.387, 0.24), 2),
+        (Footprint(0.138, 0.178, center_x_m=-0.032), 1),
+        (Footprint(0.281, 0.306, center_x_m=-0.064), 2),
+        (Footprint(1.0, 0.5, center_x_m=0.3), 4),
+    ],
+)
+def test_circles_cover_the_footprint_and_overhang_its_sides_little(footprint: Footprint, count: int) -> None:
     edge = np.linspace(-0.5, 0.5, 101)
-    x, y = np.meshgrid(footprint.length_m * edge, footprint.width_m * edge)
-    offset, radius = footprint.circle_offset_m, footprint.circle_radius_m
-    assert (np.minimum(np.hypot(x - offset, y), np.hypot(x + offset, y)) <= radius).all()
-    with pytest.raises(ConfigError, match="do not cover"):
-        Footprint(circle_radius_m=0.2)
+    x, y = np.meshgrid(footprint.center_x_m + footprint.length_m * edge, footprint.width_m * edge)
+    circles, radius = footprint.circles_x_m, footprint.circle_radius_m
+    assert len(circles) == count
+    assert (np.min([np.hypot(x - middle, y) for middle in circles], axis=0) <= radius).all()
+    assert radius - footprint.width_m / 2.0 <= 0.05
+    assert np.hypot(x, y).max() == pytest.approx(footprint.circumscribed_m)
+    assert (x.min(), x.max()) == pytest.approx((footprint.rear_x_m, footprint.front_x_m))
+
+
+def test_the_default_robot_has_two_circles_of_21_cm() -> None:
+    assert Footprint().circle_radius_m == 0.21
+    assert Footprint().circles_x_m == pytest.approx((-0.1075, 0.1075))
+
+
+@pytest.mark.parametrize("bad", [(0.0, 0.3), (0.4, -0.3), (0.4, math.nan), (9.0, 0.3), (0.4, 0.3, 0.25)])
+def test_senseless_footprints_are_refused(bad: tuple[float, ...]) -> None:
+    with pytest.raises(ConfigError, match="footprint"):
+        Footprint(*bad)
+
+
+def test_a_field_too_small_for_the_footprint_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"reaches 0\.68 m: expected at least 0\.8"):
+        MppiConfig(footprint=Footprint(1.4, 0.8))
 
 
 @pytest.mark.parametrize("bad", [{"samples": 3}, {"steps": 5}, {"knots": 1}, {"period_s": 0.2}, {"period_s": 0.0}])
@@ -71,6 +98,9 @@ def test_clearance_is_that_of_the_nearer_circle() -> None:
     stand = roll_out(constant(0.0), constant(0.0), STANDSTILL, CONFIG)
     # Front circle at 0.1075: 0.6 - 0.1075 - 0.21 = 0.2825.
     np.testing.assert_allclose(clearance(stand, field, CONFIG.footprint), 0.2825, atol=0.03)
+    # With the middle 0.1 m ahead, so much less.
+    np.testing.assert_allclose(clearance(stand, field, Footprint(center_x_m=0.1)), 0.1825, atol=0.03)
+    np.testing.assert_allclose(clearance_now(field, Footprint(center_x_m=0.1)), 0.1825, atol=0.03)
 
 
 def test_path_ahead_forgets_what_is_passed() -> None:
@@ -168,6 +198,17 @@ def test_full_speed_towards_a_wall_is_never_wanted() -> None:
     for _ in range(5):
         velocity = mppi.plan(MppiInput(AHEAD, wall, STANDSTILL))
     assert velocity.v_mps < 0.06
+
+
+def test_turns_a_body_that_lies_behind_its_frame_away_from_a_wall() -> None:
+    # The short way is to the left; the rear, which reaches 0.45 m from the frame, would sweep over the wall on the right.
+    wall = np.column_stack([np.linspace(-1.5, 1.5, 150), np.full(150, -0.36)])
+    behind = np.column_stack([-0.4 * np.arange(1, 6), np.full(5, 0.15)])
+    turns = {}
+    for middle in (0.0, -0.2):
+        config = MppiConfig(samples=200, footprint=Footprint(center_x_m=middle))
+        turns[middle] = Mppi(config).plan(MppiInput(behind, wall, STANDSTILL)).w_radps
+    assert turns == {0.0: pytest.approx(0.2), -0.2: pytest.approx(-0.2)}
 
 
 def test_turns_beside_a_wall_that_its_corners_just_clear() -> None:

@@ -89,6 +89,10 @@ def test_rectangle_distance_by_hand() -> None:
     # The front side lies at 0.215, the left one at 0.18; the middle is 0.18 deep; off the corner 0.03, 0.04.
     assert distance[0, :3].tolist() == pytest.approx([0.1, -0.18, 0.05])
     assert distance[1, 3] == pytest.approx(0.3 - 0.215)
+    # The middle 0.1 m ahead: the front lies at 0.315, the rear 0.115 behind the frame.
+    shifted = rectangle_distance(points, poses, Footprint(center_x_m=0.1))
+    assert shifted[0, :2].tolist() == pytest.approx([0.0, -0.115])
+    assert shifted[1, 3] == pytest.approx(0.3 - 0.315)
 
 
 @pytest.mark.parametrize(
@@ -107,6 +111,14 @@ def test_collision_course(point: tuple[float, float], command: Velocity, stops: 
     verdict = Supervisor(SafetyConfig()).judge(command, command, np.array([point]))
     assert verdict.velocity == (STANDSTILL if stops else command)
     assert verdict.reason == (COLLISION_COURSE if stops else None)
+
+
+def test_the_rectangle_may_lie_behind_the_frame() -> None:
+    # Turning about a frame 0.2 m ahead of the middle, the rear corners reach hypot(0.415, 0.18) = 0.452.
+    spin, beside = Velocity(0.0, 0.7), np.array([[-0.38, 0.235]])
+    rear_heavy = SafetyConfig(braking=BrakingConfig(footprint=Footprint(center_x_m=-0.2)))
+    assert Supervisor(SafetyConfig()).judge(spin, spin, beside).reason is None
+    assert Supervisor(rear_heavy).judge(Velocity(0.0, -0.7), Velocity(0.0, -0.7), beside).reason == COLLISION_COURSE
 
 
 def test_arc_is_followed_not_the_straight_line() -> None:

@@ -137,10 +137,9 @@ def rollout_cost(states: Tensor, scene: Scene, config: MppiConfig) -> Tensor:
 
 def _clearance(x: Tensor, y: Tensor, cos: Tensor, sin: Tensor, scene: Scene, config: MppiConfig) -> Tensor:
     """Return (K, T), metres between the covering circles and the nearest obstacle."""
-    offset = config.footprint.circle_offset_m
-    front = _look_up(x + offset * cos, y + offset * sin, scene, config)
-    rear = _look_up(x - offset * cos, y - offset * sin, scene, config)
-    return torch.minimum(front, rear) - config.footprint.circle_radius_m
+    circles = config.footprint.circles_x_m
+    nearest = [_look_up(x + ahead * cos, y + ahead * sin, scene, config) for ahead in circles]
+    return torch.stack(nearest).amin(dim=0) - config.footprint.circle_radius_m
 
 
 def _look_up(x: Tensor, y: Tensor, scene: Scene, config: MppiConfig) -> Tensor:

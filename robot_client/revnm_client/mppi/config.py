@@ -7,33 +7,69 @@ from dataclasses import dataclass, field
 
 from revnm_client.errors import ConfigError
 
+_OVERHANG_M = 0.04
+_LARGEST_M = 3.0
+
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """The robot's rectangle, centred on its frame, and the two circles that cover it.
+    """The robot's rectangle, and the row of circles along its middle that covers it.
+
+    The circles overhang its sides by at most some centimetres, since the sides decide which gaps the robot fits
+    through: the longer the robot, the more of them.
 
     Attributes:
         length_m: Along x.
         width_m: Along y.
-        circle_radius_m: Radius of both covering circles.
-        circle_offset_m: Their centres lie at x = ± this.
+        center_x_m: The rectangle's middle lies so far ahead of the robot's frame, about which it turns.
     """
 
     length_m: float = 0.43
     width_m: float = 0.36
-    circle_radius_m: float = 0.21
-    circle_offset_m: float = 0.1075
+    center_x_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.length_m <= _LARGEST_M and 0.0 < self.width_m <= _LARGEST_M):
+            raise ConfigError(
+                f"footprint of {self.length_m} m × {self.width_m} m: expected lengths over 0, up to {_LARGEST_M} m"
+            )
+        if not abs(self.center_x_m) <= self.length_m / 2.0:
+            raise ConfigError(
+                f"the footprint's middle lies {self.center_x_m} m ahead of the robot's frame: expected the frame "
+                f"within its {self.length_m} m"
+            )
+
+    @property
+    def circle_radius_m(self) -> float:
+        """Radius of the covering circles, rounded up to centimetres."""
+        return math.ceil(100.0 * self._exact_radius_m(len(self.circles_x_m)) - 1e-9) / 100.0
+
+    @property
+    def circles_x_m(self) -> tuple[float, ...]:
+        """Where the middles of the covering circles lie ahead of the robot's frame."""
+        count = 1
+        while self._exact_radius_m(count) > self.width_m / 2.0 + _OVERHANG_M:
+            count += 1
+        return tuple(self.center_x_m + self.length_m * ((i + 0.5) / count - 0.5) for i in range(count))
+
+    @property
+    def front_x_m(self) -> float:
+        """Where its front lies ahead of the robot's frame."""
+        return self.center_x_m + self.length_m / 2.0
+
+    @property
+    def rear_x_m(self) -> float:
+        """Where its rear lies ahead of the robot's frame; negative."""
+        return self.center_x_m - self.length_m / 2.0
 
     @property
     def circumscribed_m(self) -> float:
-        """Radius of the circle about the robot's middle that the body stays in when it turns."""
-        return math.hypot(self.length_m, self.width_m) / 2.0
+        """Radius of the circle about the robot's frame that the body stays in when it turns."""
+        return math.hypot(self.length_m / 2.0 + abs(self.center_x_m), self.width_m / 2.0)
 
-    def __post_init__(self) -> None:
-        far = self.length_m / 2.0 - self.circle_offset_m
-        near = self.circle_offset_m
-        if (self.width_m / 2.0) ** 2 + max(far, near) ** 2 > self.circle_radius_m**2:
-            raise ConfigError(f"circles of radius {self.circle_radius_m} m do not cover the footprint")
+    def _exact_radius_m(self, count: int) -> float:
+        """Return the radius of circles that each cover one piece of the rectangle cut across."""
+        return math.hypot(self.length_m / (2.0 * count), self.width_m / 2.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +153,12 @@ class MppiConfig:
             )
         if not 0.0 < self.period_s <= self.dt_s:
             raise ConfigError(f"control period {self.period_s} s: expected in (0, {self.dt_s}], one step at most")
+        least_m = max(self.footprint.circle_radius_m + self.weights.critical_margin_m, self.footprint.circumscribed_m)
+        if self.field_reach_m < least_m + self.field_resolution_m:
+            raise ConfigError(
+                f"the distance field reaches {self.field_reach_m} m: expected at least "
+                f"{least_m + self.field_resolution_m:.2f} m for this footprint"
+            )
 
     @property
     def horizon_m(self) -> float:

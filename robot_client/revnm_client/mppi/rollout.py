@@ -96,16 +96,20 @@ def _accumulate(steps: Array32) -> None:
 
 def clearance(rollouts: Rollouts, field: DistanceField, footprint: Footprint) -> Array32:
     """Return (K, T), metres between the covering circles and the nearest obstacle; negative inside it."""
-    x, y = rollouts.x_m.T, rollouts.y_m.T
-    dx = np.float32(footprint.circle_offset_m) * rollouts.cos.T
-    dy = np.float32(footprint.circle_offset_m) * rollouts.sin.T
-    nearest = field.at(x + dx, y + dy)
-    np.minimum(nearest, field.at(x - dx, y - dy), out=nearest)
+    nearest: Array32 | None = None
+    for ahead_m in footprint.circles_x_m:
+        x = np.float32(ahead_m) * rollouts.cos.T
+        y = np.float32(ahead_m) * rollouts.sin.T
+        x += rollouts.x_m.T
+        y += rollouts.y_m.T
+        distance = field.at(x, y)
+        nearest = distance if nearest is None else np.minimum(nearest, distance, out=nearest)
+    assert nearest is not None  # a footprint has circles
     nearest -= np.float32(footprint.circle_radius_m)
     return nearest.T
 
 
 def clearance_now(field: DistanceField, footprint: Footprint) -> float:
     """Return the clearance of the robot where it stands, metres."""
-    x = np.array([footprint.circle_offset_m, -footprint.circle_offset_m], dtype=np.float32)
+    x = np.array(footprint.circles_x_m, dtype=np.float32)
     return float(field.at(x, np.zeros_like(x)).min()) - footprint.circle_radius_m

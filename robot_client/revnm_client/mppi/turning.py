@@ -82,7 +82,7 @@ class TurnFirst:
         if float(field.at(middle, middle)[0]) > footprint.circumscribed_m + cell_m / 2.0:
             return True
         angles = np.linspace(0.0, angle_rad, 13, dtype=np.float32)
-        x = np.float32(footprint.circle_offset_m) * np.cos(angles)
-        y = np.float32(footprint.circle_offset_m) * np.sin(angles)
-        distance = np.minimum(field.at(x, y), field.at(-x, -y)) - np.float32(footprint.circle_radius_m)
+        ahead = np.array(footprint.circles_x_m, dtype=np.float32)[:, None]
+        distance = field.at(ahead * np.cos(angles), ahead * np.sin(angles)).min(axis=0)
+        distance -= np.float32(footprint.circle_radius_m)
         return bool(distance.min() >= min(0.0, float(distance[0])))
