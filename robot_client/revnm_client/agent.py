@@ -13,6 +13,7 @@ import numpy as np
 
 from revnm_client.braking import stopping_poses
 from revnm_client.errors import ConfigError
+from revnm_client.escape import BACK_MPS, Escape, Surroundings, WayOut
 from revnm_client.geometry import IDENTITY, FloatArray, Pose2
 from revnm_client.messages import STANDSTILL, Odometry, Plan, Scan, Velocity
 from revnm_client.mppi import Mppi, MppiConfig, MppiInput
@@ -21,8 +22,13 @@ from revnm_client.plan_gate import PlanGate
 from revnm_client.plan_tracking import OdometryBuffer, TrackedPlan, track
 from revnm_client.safety import SafetyConfig, Situation, Supervisor, Times, Verdict
 from revnm_client.scan_watch import ScanWatch
+from revnm_client.seen_floor import SeenFloor
+from revnm_client.sight import speed_limit_mps
 
 ARRIVED = "at the end of the plan"
+BLIND = "the LiDAR is blind ahead"
+
+_NEARLY_THERE_M = 0.5  # so near to the end of the plan, standing is no reason to escape
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +64,7 @@ class Tick:
 
     Attributes:
         velocity: To be sent to the base.
-        reason: Why the robot stands, in words; None while it drives.
+        reason: Why the robot does not follow the plan, in words; None while it does.
         mppi_ms: Time that the controller took; 0 where it was not asked.
     """
 
@@ -90,6 +96,8 @@ class RobotAgent:
         self._odometry = OdometryBuffer()
         self._memory = ObstacleMemory()
         self._watch = ScanWatch()
+        self._seen = SeenFloor()
+        self._escape = Escape(config.mppi, config.safety.braking)
         self._plan: TrackedPlan | None = None
         self._odometry_times: Times | None = None
         self._scan_times: Times | None = None
@@ -116,6 +124,8 @@ class RobotAgent:
         if not self._odometry.add(odometry):
             self._memory.clear()
             self._watch.forget()
+            self._seen.clear()
+            self._escape.reset()
             self._plan = None
             self._scan_times = None
         self._odometry_times = Times(self._odometry.newest_ns, received_ns)
@@ -132,7 +142,9 @@ class RobotAgent:
         self._scan_times = Times(scan.stamp_ns, received_ns)
         self._watch.look(scan, pose)
         if not self._watch.stuck:
-            self._memory.add(replace(scan, robot_from_lidar=self._config.lidar), pose)
+            scan = replace(scan, robot_from_lidar=self._config.lidar)
+            self._memory.add(scan, pose)
+            self._seen.add(scan, pose)
 
     def on_plan(self, plan: Plan, received_ns: int) -> bool:
         """Take in a plan; return whether it was accepted. A refusal is counted by its reason."""
@@ -174,6 +186,7 @@ class RobotAgent:
         reason = self._supervisor.objection(self._situation(), now_ns)
         if reason is not None:
             self._mppi.reset()
+            self._escape.reset()
             self._last = Tick(STANDSTILL, reason, 0.0)
         else:
             self._last = self._drive(now_ns)
@@ -237,14 +250,29 @@ class RobotAgent:
         path = self._plan.path_m(pose)
         if self._has_arrived(path):
             self._mppi.reset()
+            self._escape.reset()
             return Tick(STANDSTILL, ARRIVED, 0.0)
         points = self._memory.points_m(pose)
         now = self._odometry.velocity
+        stuck = self._way_out(now_ns, pose, path, points)
+        if stuck is not None and stuck.velocity is not None:
+            self._mppi.reset()
+            verdict = self._supervisor.judge(stuck.velocity, now, points, least_v_mps=-BACK_MPS)
+            return Tick(verdict.velocity, verdict.reason or stuck.reason, 0.0)
+        limit_mps = speed_limit_mps(self._seen.newest, self._config.mppi.max_v_mps, self._config.safety.braking)
         started_ns = self._stopwatch_ns()
-        command = self._mppi.plan(MppiInput(path, points, now))
+        command = self._mppi.plan(MppiInput(path, points, now, limit_mps))
         mppi_ms = (self._stopwatch_ns() - started_ns) * 1e-6
         verdict = self._soften(command, now, points)
-        return Tick(verdict.velocity, verdict.reason, mppi_ms)
+        reason = verdict.reason if stuck is None else stuck.reason
+        return Tick(verdict.velocity, reason or (None if limit_mps else BLIND), mppi_ms)
+
+    def _way_out(self, now_ns: int, pose: Pose2, path_m: FloatArray, points_m: FloatArray) -> WayOut | None:
+        """Return what to do against being stuck; None where the robot is not."""
+        if math.hypot(*path_m[-1]) < _NEARLY_THERE_M:
+            self._escape.reset()
+            return None
+        return self._escape.step(now_ns, Surroundings(pose, points_m, lambda places: self._seen.seen(places, pose)))
 
     def _has_arrived(self, path_m: FloatArray) -> bool:
         near_m = self._config.leave_m if self._arrived else self._config.arrive_m

@@ -76,7 +76,17 @@ def is_collision_course(command: Velocity, now: Velocity, points_m: FloatArray, 
         points_m: (M, 2) obstacle points, robot frame now.
         config: How the robot stops.
     """
-    poses = stopping_poses(command, now, config)
+    return comes_too_near(stopping_poses(command, now, config), points_m, config)
+
+
+def comes_too_near(poses: FloatArray, points_m: FloatArray, config: BrakingConfig) -> bool:
+    """Tell whether the rectangle, at one of the poses, is nearer to a point than the margin and than at the first pose.
+
+    Args:
+        poses: (S, 3), x, y, yaw, robot frame now; the first one is the present.
+        points_m: (M, 2) obstacle points, robot frame now.
+        config: The margin and the rectangle.
+    """
     reach = float(np.hypot(poses[:, 0], poses[:, 1]).max())
     reach += config.footprint.circumscribed_m + config.margin_m
     near = points_m[np.hypot(points_m[:, 0], points_m[:, 1]) <= reach]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Scan
 
-_KEEP_NS = 2_000_000_000
+KEEP_NS = 2_000_000_000
 _NEARBY_M = 4.0  # farther points matter to nobody here
 _HIDDEN_M = 0.10  # behind the measured range by more than this is hidden
 
@@ -39,7 +39,7 @@ class ObstacleMemory:
             odom_from_robot: Pose of the robot at the scan's stamp.
         """
         old = odom_from_robot.inverse().apply(self._points_m)
-        keep = hidden(old, scan) & (self._stamps_ns > scan.stamp_ns - _KEEP_NS)
+        keep = hidden(old, scan) & (self._stamps_ns > scan.stamp_ns - KEEP_NS)
         new = scan.points_m()
         new = new[np.hypot(new[:, 0], new[:, 1]) < _NEARBY_M]
         self._points_m = np.concatenate([self._points_m[keep], odom_from_robot.apply(new)])
@@ -60,7 +60,19 @@ def hidden(points_m: FloatArray, scan: Scan) -> NDArray[np.bool_]:
     nearby = np.hypot(points_m[:, 0], points_m[:, 1]) < _NEARBY_M
     from_lidar = scan.robot_from_lidar.inverse().apply(points_m)
     distance = np.hypot(from_lidar[:, 0], from_lidar[:, 1])
-    bearing = np.arctan2(from_lidar[:, 1], from_lidar[:, 0])
+    beam, inside = beams_at(from_lidar, scan)
+    reach = np.where(scan.ranges_m >= scan.range_min_m, scan.ranges_m, 0.0)
+    reach = np.minimum(reach, np.minimum(np.roll(reach, 1), np.roll(reach, -1)))
+    unseen = ~inside | (distance > reach[beam] + _HIDDEN_M) | (distance < scan.range_min_m)
+    return np.asarray(unseen & nearby)
+
+
+def beams_at(points_m: FloatArray, scan: Scan) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the beam nearest to the direction of each point (M, 2), LiDAR's frame, and whether there is one.
+
+    Where there is none, 0 stands for it.
+    """
+    bearing = np.arctan2(points_m[:, 1], points_m[:, 0])
     step = abs(scan.angle_increment_rad)
     turn = (bearing - scan.angle_min_rad) * math.copysign(1.0, scan.angle_increment_rad)
     beams = len(scan.ranges_m)
@@ -68,8 +80,4 @@ def hidden(points_m: FloatArray, scan: Scan) -> NDArray[np.bool_]:
     if abs(beams * step - math.tau) < 1.5 * step:
         beam %= beams
     inside = beam < beams
-    reach = np.where(scan.ranges_m >= scan.range_min_m, scan.ranges_m, 0.0)
-    reach = np.minimum(reach, np.minimum(np.roll(reach, 1), np.roll(reach, -1)))
-    seen_to = reach[np.where(inside, beam, 0)]
-    unseen = ~inside | (distance > seen_to + _HIDDEN_M) | (distance < scan.range_min_m)
-    return np.asarray(unseen & nearby)
+    return np.where(inside, beam, 0), inside

@@ -14,6 +14,7 @@ from revnm_client.messages import STANDSTILL, Velocity
 
 SCAN_STUCK = "scan is stuck: it shows the same while the robot moves"
 COLLISION_COURSE = "an obstacle lies within the stopping distance"
+BACKWARDS = "driving backwards is only for backing off"
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +109,17 @@ class Supervisor:
             or self._stale("plan", situation.plan, config.max_plan_age_s, now_ns)
         )
 
-    def judge(self, command: Velocity, now: Velocity, points_m: FloatArray) -> Verdict:
-        """Stop a command that leads into an obstacle.
+    def judge(self, command: Velocity, now: Velocity, points_m: FloatArray, *, least_v_mps: float = 0.0) -> Verdict:
+        """Stop a command that leads into an obstacle, or backwards.
 
         Args:
             command: What the controller wants.
             now: Velocity of the robot.
             points_m: (M, 2) obstacle points, robot frame now.
+            least_v_mps: Negative only where the robot may back off, which looks at the floor behind it.
         """
+        if command.v_mps < least_v_mps:
+            return Verdict(STANDSTILL, BACKWARDS)
         if is_collision_course(command, now, points_m, self._config.braking):
             return Verdict(STANDSTILL, COLLISION_COURSE)
         return Verdict(command, None)

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from revnm_client.agent import ARRIVED, AgentConfig, RobotAgent
+from revnm_client.agent import ARRIVED, BLIND, AgentConfig, RobotAgent
 from revnm_client.errors import ConfigError
+from revnm_client.escape import BACKING_OFF, NO_WAY_OUT, TURNING
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import STANDSTILL, Odometry, Plan, Scan, Velocity
 from revnm_client.mppi import Footprint, MppiConfig
@@ -303,11 +304,58 @@ def test_passes_a_gap_of_75_cm(y: float) -> None:
 def test_stops_in_front_of_a_wall_that_blocks_the_plan() -> None:
     scene = Scene(segments=np.array([[1.5, -3.0, 1.5, 3.0]]))
     drive = Drive(scene, Pose2(0.0, 0.0, 0.0))
-    run = drive.go(straight_to(np.array([4.0, 0.0])), 12.0)
+    run = drive.go(straight_to(np.array([4.0, 0.0])), 6.0)
     assert run.contacts == 0
     assert run.closest_m > 0.05
     assert 0.8 < run.end[0] < 1.3
     assert np.array(run.trace)[-20:, 3].max() < 0.1
+
+
+NICHE = Scene(segments=np.array([[0.35, -0.27, 0.35, 0.27], [-0.3, 0.27, 0.35, 0.27], [-0.3, -0.27, 0.35, -0.27]]))
+
+
+def test_backs_out_of_a_niche_that_is_too_narrow_to_turn_in() -> None:
+    run = Drive(NICHE, Pose2(0.0, 0.0, 0.0)).go(straight_to(np.array([-2.5, 0.0])), 40.0)
+    trace = np.array(run.trace)
+    backs = np.array([reason == BACKING_OFF for reason in run.reasons])
+    assert run.contacts == 0
+    assert math.dist(run.end, (-2.5, 0.0)) < 0.2
+    assert trace[:, 3].min() == pytest.approx(-0.15)
+    assert not backs[:50].any()  # 2.5 s
+
+
+class BlindBehind(Drive):
+    """The rear 160° of its LiDAR are masked, as the Megarover's are."""
+
+    def _scan(self) -> Scan:
+        scan = super()._scan()
+        return replace(scan, ranges_m=np.where(np.abs(self._angles) > 1.745, 0.0, scan.ranges_m).astype(np.float32))
+
+
+def test_never_backs_off_blind() -> None:
+    drive = BlindBehind(NICHE, Pose2(0.0, 0.0, 0.0))
+    run = drive.go(straight_to(np.array([-2.5, 0.0])), 8.0)
+    assert np.array(run.trace)[:, 3].min() >= 0.0
+    assert run.reasons[-1] == NO_WAY_OUT
+    assert state(drive)["reason"] == NO_WAY_OUT
+    assert run.contacts == 0
+
+
+def test_turns_to_room_where_it_is_blind_behind() -> None:
+    scene = Scene(segments=np.array([[1.5, -3.0, 1.5, 3.0]]))
+    run = BlindBehind(scene, Pose2(0.0, 0.0, 0.0)).go(straight_to(np.array([4.0, 0.0])), 12.0)
+    turned = np.array([pose[2] for pose, reason in zip(run.trace, run.reasons, strict=True) if reason == TURNING])
+    assert np.ptp(turned) > 0.7
+    assert np.array(run.trace)[:, 3].min() >= 0.0
+    assert run.contacts == 0
+
+
+def test_stands_where_its_lidar_is_blind_ahead(driving: Drive) -> None:
+    scan = driving._scan()
+    driving.agent.on_scan(replace(scan, ranges_m=np.zeros_like(scan.ranges_m)), driving.now_ns)
+    tick = driving.agent.tick(driving.now_ns)
+    assert tick.reason == BLIND
+    assert tick.velocity.v_mps < driving.velocity.v_mps - 0.05
 
 
 def test_slides_round_a_pillar_on_the_straight_line() -> None:

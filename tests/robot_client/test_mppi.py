@@ -201,7 +201,7 @@ def test_full_speed_towards_a_wall_is_never_wanted() -> None:
 
 
 def test_turns_a_body_that_lies_behind_its_frame_away_from_a_wall() -> None:
-    # The short way is to the left; the rear, which reaches 0.45 m from the frame, would sweep over the wall on the right.
+    # The short way is to the left; the rear, 0.45 m from the frame, would sweep over the wall on the right.
     wall = np.column_stack([np.linspace(-1.5, 1.5, 150), np.full(150, -0.36)])
     behind = np.column_stack([-0.4 * np.arange(1, 6), np.full(5, 0.15)])
     turns = {}

@@ -12,7 +12,7 @@ from revnm_client.errors import ConfigError
 from revnm_client.messages import STANDSTILL, Plan, Velocity
 from revnm_client.mppi import Footprint
 from revnm_client.plan_gate import PlanGate
-from revnm_client.safety import COLLISION_COURSE, SafetyConfig, Situation, Supervisor, Times
+from revnm_client.safety import BACKWARDS, COLLISION_COURSE, SafetyConfig, Situation, Supervisor, Times
 
 MS = 1_000_000
 NOW = 100_000 * MS
@@ -111,6 +111,15 @@ def test_collision_course(point: tuple[float, float], command: Velocity, stops: 
     verdict = Supervisor(SafetyConfig()).judge(command, command, np.array([point]))
     assert verdict.velocity == (STANDSTILL if stops else command)
     assert verdict.reason == (COLLISION_COURSE if stops else None)
+
+
+def test_backwards_only_where_it_may_back_off() -> None:
+    supervisor, back, nothing = Supervisor(SafetyConfig()), Velocity(-0.15, 0.0), np.empty((0, 2))
+    assert supervisor.judge(back, STANDSTILL, nothing).reason == BACKWARDS
+    assert supervisor.judge(back, STANDSTILL, nothing, least_v_mps=-0.15).velocity == back
+    assert supervisor.judge(Velocity(-0.16, 0.0), STANDSTILL, nothing, least_v_mps=-0.15).velocity == STANDSTILL
+    close = np.array([[-0.27, 0.0]])  # the rear at 0.215 + 0.15 * 0.15 + 0.15^2 / 2 + 0.03 = 0.279
+    assert supervisor.judge(back, back, close, least_v_mps=-0.15).reason == COLLISION_COURSE
 
 
 def test_the_rectangle_may_lie_behind_the_frame() -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +30,13 @@ class MppiInput:
         waypoints_m: (H, 2), H ≥ 1, the path to follow; what lies behind the robot's nearest point is ignored.
         points_m: (M, 2) obstacle points.
         velocity: Of the robot now.
+        max_v_mps: No rollout goes faster, where this is less than the configured top speed.
     """
 
     waypoints_m: FloatArray
     points_m: FloatArray
     velocity: Velocity
+    max_v_mps: float = math.inf
 
 
 class Mppi:
@@ -79,10 +82,11 @@ class Mppi:
             self._nominal[:] = 0.0
             return turn
         self._shift()
-        rollouts = roll_out(*self._sampler.draw(self._nominal), state.velocity, config)
+        slower = config if state.max_v_mps >= config.max_v_mps else replace(config, max_v_mps=state.max_v_mps)
+        rollouts = roll_out(*self._sampler.draw(self._nominal), state.velocity, slower)
         clear = clearance(rollouts, field, config.footprint)
         best, mean = self._average(rollouts, self._criticise(rollouts, clear, path, field))
-        mean_rollout = roll_out(mean[:1], mean[1:], state.velocity, config)
+        mean_rollout = roll_out(mean[:1], mean[1:], state.velocity, slower)
         worst = float(clearance(mean_rollout, field, config.footprint).min())
         # The mean of one way round an obstacle on the left and one on the right leads into it.
         if worst < min(0.0, float(clear[best].min())):
