@@ -61,6 +61,12 @@ def test_follow_is_half_the_end_and_half_the_mean_distance() -> None:
     assert follow_cost(drive, np.array([2.0, 4.0]), WEIGHTS)[0] == pytest.approx(expected)
 
 
+def test_follow_stops_at_the_paths_end() -> None:
+    drives = (rollouts(x, [0.0, 0.0, 0.0]) for x in ([0.5, 1.0, 1.0], [0.5, 1.0, 1.5], [0.3, 0.6, 0.9]))
+    stops, overshoots, falls_short = (float(follow_cost(drive, np.array([1.0, 0.0]), WEIGHTS)[0]) for drive in drives)
+    assert stops < min(overshoots, falls_short)
+
+
 def test_align_is_the_mean_distance_of_every_third_step() -> None:
     drive = rollouts([9.0, 9.0, 0.5, 9.0, 9.0, 1.0], [9.0, 9.0, 0.2, 9.0, 9.0, 0.4])
     path = np.stack([np.linspace(0.0, 2.0, 21), np.zeros(21)], axis=1)
