@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from revnm_client.braking import BrakingConfig
+from revnm_client.geometry import Pose2
 from revnm_client.messages import Scan
 from revnm_client.mppi import Footprint
 from revnm_client.sight import seen_ahead_m, speed_limit_mps, speed_to_stop_within_mps
@@ -67,3 +69,12 @@ def test_outside_of_the_field_of_view_it_is_blind() -> None:
 
 def test_the_front_is_where_the_footprint_has_it() -> None:
     assert seen_ahead_m(scan(math.inf, range_max_m=1.0), Footprint(center_x_m=0.1), 0.2) == pytest.approx(0.685)
+
+
+def test_a_lidar_that_looks_backwards_sees_ahead_behind_it() -> None:
+    turned = {"robot_from_lidar": Pose2(-0.1, 0.0, math.pi)}
+    behind = np.abs(ANGLES) > math.pi - 0.3
+    assert speed_limit_mps(replace(scan(np.where(behind, 0.0, 5.0)), **turned), 0.5, BRAKING) == 0.0
+    assert speed_limit_mps(replace(masked(-0.3, 0.3), **turned), 0.5, BRAKING) == 0.5
+    short = replace(scan(math.inf, range_max_m=1.0), **turned)
+    assert seen_ahead_m(short, Footprint(), 0.2) == pytest.approx(0.685)
