@@ -7,10 +7,9 @@ of it happens in one thread, so nothing is locked, except for the question for t
 from __future__ import annotations
 
 import logging
-import re
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -25,6 +24,7 @@ from revnm_client.json_payload import Scalar
 from revnm_client.link import open_client
 from revnm_client.messages import STANDSTILL, Velocity
 from revnm_client.pacing import Pacer
+from revnm_client.reason_log import ReasonLog, condition
 from revnm_client.server_link import ServerLink
 
 _log = logging.getLogger(__name__)
@@ -71,12 +71,27 @@ class RobotRunner:
         failures: Number of ticks that ended in an unexpected error; each one commanded standstill.
     """
 
-    def __init__(self, settings: RunnerSettings, agent: RobotAgent) -> None:
+    def __init__(
+        self,
+        settings: RunnerSettings,
+        agent: RobotAgent,
+        *,
+        on_tick: Callable[[str | None], None] = lambda reason: None,  # noqa: ARG005
+    ) -> None:
+        """Create a runner.
+
+        Args:
+            settings: Which robot, what carries it, and where its server is.
+            agent: Its brain.
+            on_tick: Is told after every tick why the robot stands, None while it drives; must neither block nor raise.
+        """
         self.commanded: Velocity = STANDSTILL
         self.failures = 0
         self._settings = settings
         self._agent = agent
+        self._on_tick = on_tick
         self._jump = ClockJump()
+        self._reasons = ReasonLog()
         self._reason: str | None = "not started yet"
         self._reported_rejected = 0
 
@@ -126,12 +141,22 @@ class RobotRunner:
         except Exception as error:  # the outermost loop of this thread: counted, reported, and standstill
             self.failures += 1
             velocity, reason = STANDSTILL, f"tick failed: {error!r:.200}"
-            if _condition(reason) != _condition(self._reason):
+            if condition(reason) != condition(self._reason):
                 _log.exception("tick failed")
         self._send(ends, velocity)
-        if _condition(reason) != _condition(self._reason):
-            _log.info("driving" if reason is None else f"stopped: {reason}")
+        changed = condition(reason) != condition(self._reason)
         self._reason = reason
+        if changed:
+            self._tell_change(ends)
+        self._reasons.keep(velocity)
+        self._on_tick(reason)
+
+    def _tell_change(self, ends: _Ends) -> None:
+        try:
+            self._reasons.write(self._reason, self.commanded, self._state(ends))
+        except Exception:  # as for the state: the loop goes on without it
+            self.failures += 1
+            _log.exception("cannot tell why the robot stands")
 
     def _decide(self, ends: _Ends) -> tuple[Velocity, str | None]:
         ends.server.stop_desk.serve(self._obey)
@@ -202,8 +227,3 @@ class RobotRunner:
             "last_malformed": last_error or None,
             "tick_failures": self.failures,
         }
-
-
-def _condition(reason: str | None) -> str:
-    """Return the reason without its numbers, so that a growing age is one condition and not many."""
-    return "driving" if reason is None else re.sub(r"\d+(\.\d+)?", "#", reason)

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 import argparse
-import logging
+import os
 import signal
+import subprocess
+import sys
 import threading
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 
-from revnm_client.agent import AgentConfig, RobotAgent
-from revnm_client.errors import LinkError
-from revnm_client.runner import RobotRunner, RunnerSettings
+from revnm_client.agent import RobotAgent
+from revnm_client.commands.setting_options import add_setting_options, as_arguments, settings_of
+from revnm_client.errors import ConfigError, LinkError
+from revnm_client.log_output import HeldLog, start_log
+from revnm_client.runner import RobotRunner
+from revnm_client.service_notice import ServiceNotice
+from revnm_client.settings import RobotSettings
+from revnm_client.settings.assembly import agent_config, runner_settings
 
-_DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+_END_S = 3.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the command."""
-    parser.add_argument("--robot", required=True, metavar="NAME", help="name of the robot, as the server knows it")
+    add_setting_options(parser)
     parser.add_argument(
-        "--connect",
-        action="append",
-        metavar="ENDPOINT",
-        help=f"where the server is, tcp/HOST:PORT; may be repeated (default: {_DEFAULT_ENDPOINT})",
+        "--watch", action="store_true", help="show the drive in this terminal meanwhile, as revnm-robot watch does"
     )
 
 
@@ -31,16 +37,51 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         RevnmError: The settings are wrong; the text says what to mend.
     """
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
-    settings = RunnerSettings(robot=options.robot, connect=tuple(options.connect or [_DEFAULT_ENDPOINT]))
-    runner = RobotRunner(settings, RobotAgent(AgentConfig(robot=options.robot)))
+    settings = settings_of(options)
     stop = _stop_on_signals()
+    if not options.watch:
+        start_log(settings.log)
+        _drive(settings, stop)
+        return 0
+    with closing(HeldLog()) as held:
+        start_log(settings.log, held if sys.stderr.isatty() else None)
+        with _watched(as_arguments(options)):
+            _drive(settings, stop)
+    return 0
+
+
+def _drive(settings: RobotSettings, stop: threading.Event) -> None:
+    notice = ServiceNotice(os.environ.get("NOTIFY_SOCKET"))
+    runner = RobotRunner(runner_settings(settings), RobotAgent(agent_config(settings)), on_tick=notice.ticked)
+    notice.ready(f"waiting for {', '.join(settings.server)}")
     try:
         runner.run(stop)
     except LinkError:
         if not stop.is_set():
             raise
-    return 0
+    finally:
+        notice.stopping()
+
+
+@contextmanager
+def _watched(arguments: Sequence[str]) -> Iterator[None]:
+    """Show the drive by a process of its own, which can neither delay nor end this one.
+
+    Raises:
+        ConfigError: Standard output is no terminal.
+    """
+    if not sys.stdout.isatty():
+        raise ConfigError("--watch: standard output is no terminal")
+    viewer = subprocess.Popen([sys.executable, "-m", "revnm_client.cli", "watch", *arguments])  # noqa: S603
+    try:
+        yield
+    finally:
+        viewer.terminate()
+        try:
+            viewer.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            viewer.kill()
+            viewer.wait()
 
 
 def _stop_on_signals() -> threading.Event:

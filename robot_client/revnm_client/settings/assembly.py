@@ -7,11 +7,22 @@ import math
 from revnm_client.agent import AgentConfig
 from revnm_client.braking import BrakingConfig
 from revnm_client.mppi import Footprint, MppiConfig
+from revnm_client.runner import RunnerSettings
 from revnm_client.safety import SafetyConfig
 from revnm_client.settings.root import FootprintSettings, Limits, RobotSettings
 
 _BEYOND_MARGIN_M = 0.12  # the distance field reaches farther than any cost
 _FIELD_MARGIN_M = 0.22
+
+
+def runner_settings(settings: RobotSettings) -> RunnerSettings:
+    """Return the settings of the control loop."""
+    return RunnerSettings(
+        robot=settings.robot,
+        connect=settings.server,
+        driver=settings.driver.kind,
+        driver_options=settings.driver.options,
+    )
 
 
 def agent_config(settings: RobotSettings) -> AgentConfig:
