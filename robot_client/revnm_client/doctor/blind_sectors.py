@@ -1,0 +1,58 @@
+"""Where a LiDAR cannot see."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from revnm_client.messages import Scan
+
+_NARROWEST_DEG = 5
+
+
+class Sector(NamedTuple):
+    """Directions from ``begin_deg`` counter-clockwise to ``end_deg``, degrees in [−180, 180), 0 is the front."""
+
+    begin_deg: int
+    end_deg: int
+
+    def __str__(self) -> str:
+        return f"{self.begin_deg}° to {self.end_deg}°"
+
+
+def blind_degrees(scans: Sequence[Scan]) -> NDArray[np.bool_]:
+    """Return (360,) for each whole degree from −180: no scan of these saw anything there, not even that it is free.
+
+    That is so outside of the field of view and where ranges are below the shortest one, as of masked beams.
+    """
+    seen = np.zeros(360, dtype=bool)
+    bearings = np.radians(np.arange(-180, 180))
+    for scan in scans:
+        step, count = abs(scan.angle_increment_rad), len(scan.ranges_m)
+        turn = (bearings - scan.angle_min_rad) * math.copysign(1.0, scan.angle_increment_rad)
+        beam = np.rint(np.mod(turn, math.tau) / step).astype(np.int64)
+        if abs(count * step - math.tau) < 1.5 * step:
+            beam %= count
+        sees = scan.ranges_m >= scan.range_min_m
+        seen |= np.where(beam < count, sees[np.minimum(beam, count - 1)], False)
+    return ~seen
+
+
+def sectors(degrees: NDArray[np.bool_]) -> list[Sector]:
+    """Return the runs of true degrees (360,) that are 5° wide at least, around the circle."""
+    if degrees.all():
+        return [Sector(-180, 179)]
+    first = int(np.flatnonzero(~degrees)[0])
+    turned = np.roll(degrees, -first)  # begins with one that is false: no run goes over the end
+    edges = np.diff(np.concatenate([[False], turned, [False]]).astype(np.int8))
+    runs = zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True)
+    wide = [(begin, end) for begin, end in runs if end - begin >= _NARROWEST_DEG]
+    return [Sector(_wrapped(begin + first), _wrapped(end - 1 + first)) for begin, end in wide]
+
+
+def _wrapped(index: int) -> int:
+    return index % 360 - 180
