@@ -8,7 +8,6 @@ from typing import Self
 import zenoh
 
 from revnm_client import cdr, keys
-from revnm_client.clock_probe import ClockProbe
 from revnm_client.control_messages import decode_state
 from revnm_client.json_payload import Scalar
 from revnm_client.link import Inbox, LatestSubscriber
@@ -16,12 +15,11 @@ from revnm_client.messages import Plan
 
 
 class ServerEars:
-    """Hears plans and states, and asks the server for its time; a context manager.
+    """Hears plans and states; a context manager.
 
     Attributes:
         plans: The server's.
         states: Those of the client that runs on the robot.
-        probe: Knows the server's clock.
     """
 
     def __init__(self, session: zenoh.Session, robot: str) -> None:
@@ -30,7 +28,6 @@ class ServerEars:
             state = stack.enter_context(LatestSubscriber(session, keys.state(robot)))
             self.plans: Inbox[Plan] = Inbox.with_attachment(plan, cdr.decode_plan)
             self.states: Inbox[dict[str, Scalar]] = Inbox(state, decode_state)
-            self.probe = stack.enter_context(ClockProbe(session, robot))
             self._stack = stack.pop_all()
 
     def __enter__(self) -> Self:

@@ -98,7 +98,7 @@ def standing_odometry(t: int) -> Odometry:
 @pytest.mark.parametrize(
     ("changes", "subject", "verdict", "text"),
     [
-        ({"scans": Series()}, "scan", "FAULT", "none came in 5 s: is its driver running, and does a bridge carry it to"),
+        ({"scans": Series()}, "scan", "FAULT", "none came in 5 s: is its driver running, and does a bridge carry"),
         (
             {"scans": Series(), "last_error": "rover/scan: range of beam 3 is nan", "rejected": 9},
             "scan", "FAULT", "all that came was refused: rover/scan: range of beam 3 is nan",

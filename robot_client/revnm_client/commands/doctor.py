@@ -8,8 +8,9 @@ from contextlib import ExitStack, closing
 
 import zenoh
 
+from revnm_client.clock_probe import ClockProbe
 from revnm_client.commands.setting_options import add_setting_options, settings_of
-from revnm_client.doctor import Finding, Verdict, examine, observe, unreachable
+from revnm_client.doctor import Finding, Server, Verdict, examine, observe, unreachable
 from revnm_client.drivers import DriverContext, open_driver
 from revnm_client.errors import LinkError
 from revnm_client.link import open_client
@@ -41,10 +42,10 @@ def run(options: argparse.Namespace) -> int:
     with ExitStack() as stack:
         findings: list[Finding] = []
         session = _reached("server", settings.server, findings, stack)
-        ears = None if session is None else stack.enter_context(ServerEars(session, settings.robot))
-        senses = _senses(settings, session, ears, findings, stack)
-        if ears is not None or senses is not None:
-            findings += examine(observe(senses, ears, options.seconds), settings)
+        server = None if session is None else _server(session, settings.robot, stack)
+        senses = _senses(settings, session, server, findings, stack)
+        if server is not None or senses is not None:
+            findings += examine(observe(senses, server, options.seconds), settings)
     _print(findings)
     return SICK if any(each.verdict is Verdict.FAULT for each in findings) else 0
 
@@ -71,10 +72,15 @@ def _reached(
     return session
 
 
+def _server(session: zenoh.Session, robot: str, stack: ExitStack) -> Server:
+    ears, probe = ServerEars(session, robot), ClockProbe(session, robot)
+    return Server(stack.enter_context(ears), stack.enter_context(probe))
+
+
 def _senses(
     settings: RobotSettings,
     session: zenoh.Session | None,
-    ears: ServerEars | None,
+    server: Server | None,
     findings: list[Finding],
     stack: ExitStack,
 ) -> Senses | None:
@@ -88,7 +94,7 @@ def _senses(
         session = _reached("robot's router", options["connect"], findings, stack)
     if session is None:
         return None
-    if kind == "zenoh" or (ears is not None and observe(None, ears, _CLIENT_S).state is not None):
+    if kind == "zenoh" or (server is not None and observe(None, server, _CLIENT_S).state is not None):
         return stack.enter_context(closing(KeySenses(session, settings.robot)))
     try:
         driver = open_driver(kind, options, DriverContext(settings.robot, session))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -13,6 +12,7 @@ from contextlib import closing, contextmanager
 
 from revnm_client.agent import RobotAgent
 from revnm_client.commands.setting_options import add_setting_options, as_arguments, settings_of
+from revnm_client.commands.signals import stop_on_signals
 from revnm_client.errors import ConfigError, LinkError
 from revnm_client.log_output import HeldLog, start_log
 from revnm_client.runner import RobotRunner
@@ -38,7 +38,9 @@ def run(options: argparse.Namespace) -> int:
         RevnmError: The settings are wrong; the text says what to mend.
     """
     settings = settings_of(options)
-    stop = _stop_on_signals()
+    if options.watch and not sys.stdout.isatty():
+        raise ConfigError("--watch: standard output is no terminal")
+    stop = stop_on_signals()
     if not options.watch:
         start_log(settings.log)
         _drive(settings, stop)
@@ -65,13 +67,7 @@ def _drive(settings: RobotSettings, stop: threading.Event) -> None:
 
 @contextmanager
 def _watched(arguments: Sequence[str]) -> Iterator[None]:
-    """Show the drive by a process of its own, which can neither delay nor end this one.
-
-    Raises:
-        ConfigError: Standard output is no terminal.
-    """
-    if not sys.stdout.isatty():
-        raise ConfigError("--watch: standard output is no terminal")
+    """Show the drive by a process of its own, which can neither delay nor end this one."""
     viewer = subprocess.Popen([sys.executable, "-m", "revnm_client.cli", "watch", *arguments])  # noqa: S603
     try:
         yield
@@ -82,10 +78,3 @@ def _watched(arguments: Sequence[str]) -> Iterator[None]:
         except subprocess.TimeoutExpired:
             viewer.kill()
             viewer.wait()
-
-
-def _stop_on_signals() -> threading.Event:
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    return stop

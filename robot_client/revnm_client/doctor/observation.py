@@ -8,9 +8,9 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
-from revnm_client.clock_probe import ProbeReading
+from revnm_client.clock_probe import ClockProbe, ProbeReading
 from revnm_client.json_payload import Scalar
 from revnm_client.messages import Odometry, Plan, Scan
 from revnm_client.senses import Senses
@@ -98,12 +98,24 @@ class Observation:
     state: dict[str, Scalar] | None = None
 
 
-def observe(senses: Senses | None, ears: ServerEars | None, seconds: float) -> Observation:
+class Server(NamedTuple):
+    """What tells of the server.
+
+    Attributes:
+        ears: Hear its plans, and the state of the robot's client.
+        probe: Asks for its time.
+    """
+
+    ears: ServerEars
+    probe: ClockProbe
+
+
+def observe(senses: Senses | None, server: Server | None, seconds: float) -> Observation:
     """Look for some seconds, or until interrupted.
 
     Args:
         senses: The robot's; None where it was not reached.
-        ears: What hears the server; None where it was not reached.
+        server: None where it was not reached.
         seconds: How long to look.
     """
     seen = Observation(seconds)
@@ -111,20 +123,20 @@ def observe(senses: Senses | None, ears: ServerEars | None, seconds: float) -> O
     deadline_s = time.monotonic() + seconds
     try:
         while time.monotonic() < deadline_s:
-            _look(seen, senses, ears)
+            _look(seen, senses, server)
             pause.wait(_LOOK_S)
     except KeyboardInterrupt:
         pass  # this is what was seen so far
     return seen
 
 
-def _look(seen: Observation, senses: Senses | None, ears: ServerEars | None) -> None:
+def _look(seen: Observation, senses: Senses | None, server: Server | None) -> None:
     if senses is not None:
         seen.odometry.add(senses.take_odometry())
         seen.scans.add(senses.take_scan())
         seen.rejected, seen.last_error = senses.rejected, senses.last_error
         seen.trouble = senses.trouble()
-    if ears is not None:
-        seen.plans.add(ears.plans.take())
-        seen.state = ears.states.take() or seen.state
-        seen.clock = ears.probe.reading()
+    if server is not None:
+        seen.plans.add(server.ears.plans.take())
+        seen.state = server.ears.states.take() or seen.state
+        seen.clock = server.probe.reading()
