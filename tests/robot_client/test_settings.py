@@ -88,18 +88,23 @@ def test_every_profile_makes_an_agent(profile):
     assert PROFILES[profile].source
 
 
-@pytest.mark.parametrize(
-    ("profile", "length_m", "width_m", "middle_m"),
-    [
-        ("kachaka", 0.387, 0.240, 0.0435),
-        ("turtlebot3_burger", 0.138, 0.178, -0.032),
-        ("turtlebot3_waffle", 0.281, 0.306, -0.064),
-    ],
-)
-def test_the_outline_covers_a_body_whose_middle_is_not_at_the_axle(profile, length_m, width_m, middle_m):
-    outline = PROFILES[profile].values["footprint"]
-    assert outline["length_m"] / 2 >= max(abs(middle_m + length_m / 2), abs(middle_m - length_m / 2)) - 1e-9
-    assert outline["width_m"] >= width_m
+def test_the_turtlebot3_that_fits_both_covers_both_and_is_no_faster_than_either():
+    both, one, other = (PROFILES[name].values for name in ("turtlebot3", "turtlebot3_burger", "turtlebot3_waffle"))
+    for each in (one, other):
+        ends = [
+            (part["center_x_m"] + s * part["length_m"] / 2 for s in (-1, 1))
+            for part in (both["footprint"], each["footprint"])
+        ]
+        (rear, front), (inner_rear, inner_front) = ends
+        assert rear <= inner_rear
+        assert front >= inner_front
+        assert both["footprint"]["width_m"] >= each["footprint"]["width_m"]
+        assert all(both["limits"][key] <= each["limits"][key] for key in both["limits"])
+
+
+def test_an_outline_that_does_not_hold_the_robots_frame_is_refused():
+    text = GOOD.replace("width_m: 0.4}", "width_m: 0.4, center_x_m: -0.3}")
+    assert problems(text) == ["robot.yaml:8: footprint.center_x_m: -0.3: expected at most half of length_m, 0.25"]
 
 
 @pytest.mark.parametrize(

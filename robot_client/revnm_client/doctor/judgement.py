@@ -149,7 +149,7 @@ def _view(series: Series[Scan]) -> Finding:
 
 
 def _own_hits(series: Series[Scan], outline: FootprintSettings) -> Finding:
-    inside = [points[_within(points, outline)] for points in (scan.points_m() for scan in series.messages)]
+    inside = [_within(scan.points_m(), outline) for scan in series.messages]
     most = max(inside, key=len)
     if sum(len(points) > 0 for points in inside) <= _FEW * len(inside):
         return Finding(Verdict.OK, "outline", f"{outline.length_m:g} m × {outline.width_m:g} m, no returns within")
@@ -163,7 +163,9 @@ def _own_hits(series: Series[Scan], outline: FootprintSettings) -> Finding:
 
 
 def _within(points_m: FloatArray, outline: FootprintSettings) -> FloatArray:
-    return np.asarray((np.abs(points_m) < (outline.length_m / 2.0, outline.width_m / 2.0)).all(axis=1))
+    """Return those of the points (M, 2), robot frame, that lie within the outline."""
+    from_middle = np.abs(points_m - (outline.center_x_m, 0.0))
+    return points_m[(from_middle < (outline.length_m / 2.0, outline.width_m / 2.0)).all(axis=1)]
 
 
 def _odometry(series: Series[Odometry], limit_s: float) -> Finding:

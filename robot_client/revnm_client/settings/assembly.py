@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 from revnm_client.agent import AgentConfig
 from revnm_client.braking import BrakingConfig
 from revnm_client.mppi import Footprint, MppiConfig
 from revnm_client.runner import RunnerSettings
 from revnm_client.safety import SafetyConfig
-from revnm_client.settings.root import FootprintSettings, Limits, RobotSettings
+from revnm_client.settings.root import Limits, RobotSettings
 
 _BEYOND_MARGIN_M = 0.12  # the distance field reaches farther than any cost
 _FIELD_MARGIN_M = 0.22
@@ -27,7 +25,8 @@ def runner_settings(settings: RobotSettings) -> RunnerSettings:
 
 def agent_config(settings: RobotSettings) -> AgentConfig:
     """Return the settings of the robot's brain."""
-    footprint = _footprint(settings.footprint)
+    outline = settings.footprint
+    footprint = Footprint(length_m=outline.length_m, width_m=outline.width_m, center_x_m=outline.center_x_m)
     braking, safety = settings.braking, settings.safety
     return AgentConfig(
         robot=settings.robot,
@@ -44,18 +43,6 @@ def agent_config(settings: RobotSettings) -> AgentConfig:
                 footprint=footprint,
             ),
         ),
-    )
-
-
-def _footprint(outline: FootprintSettings) -> Footprint:
-    """Return the rectangle with two circles, each of which just covers its half; their radius in whole millimetres."""
-    offset_m = outline.length_m / 4.0
-    radius_m = math.hypot(outline.width_m / 2.0, offset_m)
-    return Footprint(
-        length_m=outline.length_m,
-        width_m=outline.width_m,
-        circle_radius_m=math.ceil(radius_m * 1e3) / 1e3,
-        circle_offset_m=offset_m,
     )
 
 

@@ -73,7 +73,7 @@ LIMITS = Section(
         "max_alpha_radps2": Number(0.2, 20.0),
     }
 )
-FOOTPRINT = Section({"length_m": Number(0.05, 2.0), "width_m": Number(0.05, 2.0)})
+FOOTPRINT = Section({"length_m": Number(0.05, 2.0), "width_m": Number(0.05, 2.0), "center_x_m": Number(-1.0, 1.0)})
 BRAKING = Section(
     {
         "delay_s": Number(0.05, 1.0),

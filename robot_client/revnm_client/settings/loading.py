@@ -88,7 +88,13 @@ def load_settings(config: Path | None, *, options: Mapping[str, Any] | None = No
             layers.lay(name, place, YamlDocument(os.environ[name], name).data)
     for key, value in (options or {}).items():
         layers.lay(_OPTIONS[key], (key,), value)
-    return _settings(_checked(layers))
+    settings = _settings(_checked(layers))
+    outline = settings.footprint
+    if abs(outline.center_x_m) > outline.length_m / 2.0:
+        place = ("footprint", "center_x_m")
+        problem = f"{outline.center_x_m}: expected at most half of length_m, {outline.length_m / 2.0:g}"
+        raise BadSettingsError([f"{layers.where(place)}{dotted(place)}: {problem}"])
+    return settings
 
 
 def _mapping(document: YamlDocument) -> dict[str, Any]:

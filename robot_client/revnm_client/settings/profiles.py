@@ -1,7 +1,7 @@
 """What is known of some robots: limits, outline and brakes, each with its source.
 
-The outline is a rectangle about the point that the robot turns about, in the middle between its drive wheels. Where
-that is not the middle of the body, the rectangle is as long as twice its longer end, so that it covers the body always.
+The middle of the outline is given by ``center_x_m``, metres ahead of the point that the robot turns about, which lies
+between its drive wheels.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ PROFILES: dict[str, Profile] = {
             "footprint": {"length_m": 0.43, "width_m": 0.36},
             "braking": {"delay_s": 0.15, "braking_mps2": 1.0, "braking_radps2": 2.0, "margin_m": 0.03},
         },
-        "the paper's speeds; 0.43 m × 0.36 m from vstoneofficial/megarover3_ros2's Nav2 footprint, centred as on the "
-        "simulated robot: where base_link lies at the drive axle, 0.13 m from the front, set footprint.length_m: 0.60",
+        "the paper's speeds; 0.43 m × 0.36 m from vstoneofficial/megarover3_ros2's Nav2 footprint, centred as on "
+        "the simulated robot: where base_link is the axle, 0.13 m from the front, set footprint.center_x_m: -0.085",
     ),
     "kachaka": Profile(
         {
             "limits": {"max_v_mps": 0.3, "max_w_radps": 1.57, "max_a_mps2": 0.5, "max_alpha_radps2": 2.0},
-            "footprint": {"length_m": 0.474, "width_m": 0.24},
+            "footprint": {"length_m": 0.387, "width_m": 0.24, "center_x_m": 0.0435},
             "braking": {"delay_s": 0.3, "braking_mps2": 0.5, "braking_radps2": 2.0, "margin_m": 0.03},
         },
         "pf-robotics/kachaka-api: velocities on the wire are parts of 0.3 m/s and 1.57 rad/s; _kachaka.urdf.xacro: "
@@ -45,15 +45,15 @@ PROFILES: dict[str, Profile] = {
     "turtlebot3": Profile(
         {
             "limits": {"max_v_mps": 0.22, "max_w_radps": 1.82, "max_a_mps2": 1.0, "max_alpha_radps2": 4.0},
-            "footprint": {"length_m": 0.41, "width_m": 0.306},
+            "footprint": {"length_m": 0.281, "width_m": 0.306, "center_x_m": -0.064},
             "braking": {"delay_s": 0.2, "braking_mps2": 0.5, "braking_radps2": 2.0, "margin_m": 0.03},
         },
-        "fits Burger and Waffle: the smaller speeds and the larger outline of both",
+        "fits Burger and Waffle: the smaller speeds and the Waffle's outline, in which the Burger's lies",
     ),
     "turtlebot3_burger": Profile(
         {
             "limits": {"max_v_mps": 0.22, "max_w_radps": 2.84, "max_a_mps2": 1.0, "max_alpha_radps2": 4.0},
-            "footprint": {"length_m": 0.21, "width_m": 0.178},
+            "footprint": {"length_m": 0.138, "width_m": 0.178, "center_x_m": -0.032},
             "braking": {"delay_s": 0.2, "braking_mps2": 0.5, "braking_radps2": 2.0, "margin_m": 0.03},
         },
         "ROBOTIS e-Manual: 0.22 m/s, 2.84 rad/s, 138 mm × 178 mm; turtlebot3_burger.urdf: the body's middle 32 mm "
@@ -62,7 +62,7 @@ PROFILES: dict[str, Profile] = {
     "turtlebot3_waffle": Profile(
         {
             "limits": {"max_v_mps": 0.26, "max_w_radps": 1.82, "max_a_mps2": 1.0, "max_alpha_radps2": 4.0},
-            "footprint": {"length_m": 0.41, "width_m": 0.306},
+            "footprint": {"length_m": 0.281, "width_m": 0.306, "center_x_m": -0.064},
             "braking": {"delay_s": 0.2, "braking_mps2": 0.5, "braking_radps2": 2.0, "margin_m": 0.03},
         },
         "ROBOTIS e-Manual: 0.26 m/s, 1.82 rad/s, 281 mm × 306 mm; turtlebot3_waffle_pi.urdf: the body's middle 64 mm "

@@ -33,10 +33,11 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class FootprintSettings:
-    """The rectangle about the point that the robot turns about, along and across its front."""
+    """The robot's outline: see :class:`revnm_client.mppi.Footprint`."""
 
     length_m: float
     width_m: float
+    center_x_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
