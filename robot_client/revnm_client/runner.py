@@ -214,7 +214,7 @@ class RobotRunner:
         state: dict[str, Scalar] = self._agent.state(time.time_ns())
         malformed = ends.driver.rejected + ends.server.rejected
         last_error = (ends.driver.last_error or ends.server.last_error)[:200]
-        if malformed > self._reported_rejected:
+        if malformed >= max(1, 2 * self._reported_rejected):  # ever rarer: a broken sensor must not fill the log
             _log.warning("%d malformed messages so far, the last: %s", malformed, last_error)
             self._reported_rejected = malformed
         return {

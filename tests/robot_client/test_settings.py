@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from revnm_client.settings.assembly import agent_config
 from revnm_client.settings.layout import ROOT
 from revnm_client.settings.profiles import PROFILES
 
+GUIDE = Path(__file__).parents[2] / "docs/robot.md"
 GOOD = """\
 robot: rover
 server: [tcp/192.168.1.5:7447]
@@ -242,6 +244,21 @@ def test_a_damaged_file_gives_settings_or_an_error_of_ours():
             assert "robot.yaml" in str(error)  # noqa: PT017
         else:
             agent_config(settings)
+
+
+def test_the_guides_twelve_lines_are_right():
+    (example,) = re.findall(r"```yaml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    assert len(example.splitlines()) == 12
+    settings = load(example)
+    assert settings.driver.options == {"connect": ("tcp/127.0.0.1:7447",), "cmd_vel": "twist"}
+    agent_config(settings)
+
+
+def test_the_guide_has_every_key_and_every_profile():
+    text = GUIDE.read_text()
+    sections = [ROOT.fields[name].fields for name in ("limits", "footprint", "braking", "safety")]
+    assert [key for fields in sections for key in fields if key not in text] == []
+    assert [name for name in PROFILES if name not in text] == []
 
 
 def test_the_schema_says_what_the_file_may_hold():
