@@ -67,7 +67,7 @@ def hidden(points_m: FloatArray, scan: Scan) -> NDArray[np.bool_]:
     return np.asarray(unseen & nearby)
 
 
-def beams_at(points_m: FloatArray, scan: Scan) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def beams_at(points_m: FloatArray, scan: Scan) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Return the beam nearest to the direction of each point (M, 2), LiDAR's frame, and whether there is one.
 
     Where there is none, 0 stands for it.
@@ -76,8 +76,8 @@ def beams_at(points_m: FloatArray, scan: Scan) -> tuple[NDArray[np.int64], NDArr
     step = abs(scan.angle_increment_rad)
     turn = (bearing - scan.angle_min_rad) * math.copysign(1.0, scan.angle_increment_rad)
     beams = len(scan.ranges_m)
-    beam = np.rint(np.mod(turn, math.tau) / step).astype(np.int64)
+    beam = np.rint(np.mod(turn, math.tau) / step)  # too large for an integer where the step is tiny
     if abs(beams * step - math.tau) < 1.5 * step:
         beam %= beams
     inside = beam < beams
-    return np.where(inside, beam, 0), inside
+    return np.where(inside, beam, 0.0).astype(np.intp), inside

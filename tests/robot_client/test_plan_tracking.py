@@ -141,6 +141,15 @@ def test_places_outside_a_half_scan_are_remembered() -> None:
     np.testing.assert_allclose(memory.points_m(Pose2(0.0, 0.0, math.pi)), [[-1.0, 0.0]], atol=1e-6)
 
 
+def test_beams_that_all_look_the_same_way_leave_the_rest_unseen() -> None:
+    memory = ObstacleMemory()
+    here = Pose2(0.0, 0.0, 0.0)
+    memory.add(scan(with_beam(1.0, 90, spread=0), 0), here)
+    needle = replace(scan(np.full(BEAMS, 5.0), 100), angle_increment_rad=1e-45)  # a turn is more steps than 2^63
+    memory.add(needle, here)
+    np.testing.assert_allclose(memory.points_m(here), [[0.0, 1.0]], atol=1e-6)
+
+
 BACKWARDS = Pose2(0.2, 0.0, math.pi)  # a LiDAR on the nose that looks behind
 
 
