@@ -49,6 +49,7 @@ MAX_POSITION_M = 1e6
 MAX_IMAGE_BYTES = 8_000_000
 
 _MAX_PAYLOAD_BYTES = 8_388_608
+_MAX_PLAN_BYTES = 16_384  # 64 waypoints take 6,000; a path that fills 8 MB takes two seconds to decode
 _NS_PER_S = 1_000_000_000
 _IMAGE_MAGIC = {"jpeg": b"\xff\xd8\xff", "png": b"\x89PNG"}
 
@@ -95,9 +96,9 @@ def _encode(message: Any, typename: str) -> bytes:
     return bytes(_store().serialize_cdr(message, typename, little_endian=True))
 
 
-def _decode(payload: bytes, typename: str) -> Any:
-    if len(payload) > _MAX_PAYLOAD_BYTES:
-        raise MessageError(f"{typename} of {len(payload)} bytes: expected at most {_MAX_PAYLOAD_BYTES}")
+def _decode(payload: bytes, typename: str, *, max_bytes: int = _MAX_PAYLOAD_BYTES) -> Any:
+    if len(payload) > max_bytes:
+        raise MessageError(f"{typename} of {len(payload)} bytes: expected at most {max_bytes}")
     try:
         return _store().deserialize_cdr(payload, typename)
     except SerdeError as error:
@@ -257,7 +258,7 @@ def decode_plan(payload: bytes, attachment: bytes) -> Plan:
         MessageError: Either is malformed or missing, the frame is not the robot's, there are no waypoints or
             too many, or one is absurdly far.
     """
-    message = _decode(payload, _PATH)
+    message = _decode(payload, _PATH, max_bytes=_MAX_PLAN_BYTES)
     stamp_ns = _decode_stamp(message)
     if message.header.frame_id != ROBOT_FRAME:
         raise MessageError(f"plan is in frame {message.header.frame_id!r}: expected {ROBOT_FRAME!r}")

@@ -274,6 +274,15 @@ def test_absurd_plans_are_refused(waypoints):
         decode_plan(payload)
 
 
+def test_a_plan_of_a_million_waypoints_is_refused_at_once():
+    more = 10**6 - 3
+    payload = GOLDEN_PLAN[:28] + (10**6).to_bytes(4, "little") + GOLDEN_PLAN[32:] + GOLDEN_PLAN[-88:] * more
+    begin_s = time.thread_time()
+    with pytest.raises(MessageError, match="expected at most 16384"):
+        decode_plan(payload)
+    assert time.thread_time() - begin_s < 0.1
+
+
 def test_a_plan_in_another_frame_is_refused():
     for place in (4 + 12, 4 + 40):  # the first letter of the frame in the path's and in the first pose's header
         payload = bytearray(GOLDEN_PLAN)
