@@ -19,7 +19,7 @@ from revnm_client.doctor import Observation, Received, Series, Verdict, examine,
 from revnm_client.doctor.blind_sectors import Sector, blind_degrees, sectors
 from revnm_client.geometry import Pose2
 from revnm_client.messages import STANDSTILL, Odometry, Plan, Scan
-from revnm_client.settings import load_settings
+from revnm_client.settings import LidarSettings, load_settings
 
 ROBOT = "rover"
 T0_NS = 1_000_000_000_000
@@ -172,6 +172,14 @@ def test_a_lidar_of_half_a_turn_is_blind_behind():
     half = Scan(0, math.pi / 2, -math.pi / 180, 0.1, 10.0, np.full(181, np.inf, dtype=np.float32))
     assert sectors(blind_degrees([half])) == [Sector(91, -91)]
     assert sectors(blind_degrees([])) == [Sector(-180, 179)]
+
+
+def test_a_lidar_that_is_mounted_the_other_way_round_is_judged_as_it_sits(settings):
+    turned = replace(settings, lidar=LidarSettings(x_m=0.1, yaw_rad=math.pi))
+    findings = examine(healthy(scans=odd_scans(masked(range(-60, 60)))), turned)
+    assert the(findings, "view").text.startswith("blind at 120° to -121°")  # as far behind as it was ahead
+    # 2.5 m at 20°, turned: 0.1 − 2.5 cos 20° = −2.249 and −2.5 sin 20° = −0.855, which are 2.41 m; beam 0 is masked.
+    assert the(examine(healthy(), turned), "scan").text.endswith("nearest 2.41 m at -159°")
 
 
 def test_a_gap_of_four_degrees_is_no_sector():

@@ -75,10 +75,11 @@ def test_without_a_file_it_is_what_the_agent_is_by_default():
 
 
 def test_the_agent_gets_limits_outline_and_ages():
-    config = agent_config(load(GOOD + "braking: {delay_s: 0.25, margin_m: 0.05}\n"))
+    config = agent_config(load(GOOD + "braking: {delay_s: 0.25, margin_m: 0.05}\nlidar: {x_m: 0.1, yaw_rad: 3.14}\n"))
     assert (config.robot, config.mppi.max_v_mps, config.safety.max_plan_age_s) == ("rover", 0.4, 0.6)
     assert (config.safety.braking.delay_s, config.safety.braking.margin_m) == (0.25, 0.05)
     assert (config.mppi.footprint.length_m, config.mppi.footprint.width_m) == (0.5, 0.4)
+    assert config.lidar == (0.1, 0.0, 3.14)
     assert config.mppi.sigma_v_mps == pytest.approx(0.16)  # 2/5 of the speed, as the Megarover's 0.2 of 0.5
 
 
@@ -193,8 +194,8 @@ def test_a_problem_names_the_variable_or_the_option(monkeypatch):
     monkeypatch.setenv("REVNM_ROBOT__LIMITS__MAX_V_MPS", "3")
     monkeypatch.setenv("REVNM_ROBOT__LIMIT", "1")
     assert problems(GOOD, server=["junk"]) == [
-        "REVNM_ROBOT__LIMIT: limit: unknown key: expected one of braking, driver, footprint, limits, log, profile, "
-        "robot, safety, server; did you mean limits?",
+        "REVNM_ROBOT__LIMIT: limit: unknown key: expected one of braking, driver, footprint, lidar, limits, log, "
+        "profile, robot, safety, server; did you mean limits?",
         "--connect: server[0]: 'junk': expected tcp/HOST:PORT or the like, such as tcp/192.168.1.5:7447",
         "REVNM_ROBOT__LIMITS__MAX_V_MPS: limits.max_v_mps: 3: expected 0.05 to 2.0",
     ]
@@ -256,7 +257,7 @@ def test_the_guides_twelve_lines_are_right():
 
 def test_the_guide_has_every_key_and_every_profile():
     text = GUIDE.read_text()
-    sections = [ROOT.fields[name].fields for name in ("limits", "footprint", "braking", "safety")]
+    sections = [ROOT.fields[name].fields for name in ("limits", "footprint", "lidar", "braking", "safety")]
     assert [key for fields in sections for key in fields if key not in text] == []
     assert [name for name in PROFILES if name not in text] == []
 

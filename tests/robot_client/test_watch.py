@@ -127,13 +127,13 @@ def test_the_plan_lies_where_the_odometry_says_whatever_the_clocks_say():
         Odometry(101 * second, Pose2(0.4, 0.0, math.pi / 2), STANDSTILL),
     ]
     keeper.listen(senses, ears)
-    states.waiting = [STATE | {"clock_offset_ms": 5000.0}]
+    states.waiting = [STATE | {"clock_offset_ms": 5000.0, "lidar_x_m": 0.1, "lidar_yaw_rad": math.pi}]
     plans.waiting = [Plan(105 * second, np.array([[1.0, 0.0]]), epoch=1, seq=1, goal_id="g")]
     scans.waiting = [Scan(101 * second, 0.0, 0.1, 0.1, 10.0, np.array([2.0, 0.0], dtype=np.float32))]
     keeper.listen(senses, ears)
     view = keeper.view()
     np.testing.assert_allclose(view.path_m, [[0.0, 0.4], [0.0, -0.6]], atol=1e-9)
-    np.testing.assert_allclose(view.points_m, [[2.0, 0.0]])
+    np.testing.assert_allclose(view.points_m, [[-1.9, 0.0]], atol=1e-9)  # 2 m behind a LiDAR that looks back
     assert view.state_age_s == 0.0
     now.s += 1.5
     assert (keeper.view().points_m, keeper.view().path_m, keeper.view().state_age_s) == (None, None, 1.5)

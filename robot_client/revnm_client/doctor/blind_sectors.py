@@ -33,7 +33,9 @@ def blind_degrees(scans: Sequence[Scan]) -> NDArray[np.bool_]:
     bearings = np.radians(np.arange(-180, 180))
     for scan in scans:
         step, count = abs(scan.angle_increment_rad), len(scan.ranges_m)
-        turn = (bearings - scan.angle_min_rad) * math.copysign(1.0, scan.angle_increment_rad)
+        turn = (bearings - scan.robot_from_lidar.yaw_rad - scan.angle_min_rad) * math.copysign(
+            1.0, scan.angle_increment_rad
+        )
         beam = np.rint(np.mod(turn, math.tau) / step).astype(np.int64)
         if abs(count * step - math.tau) < 1.5 * step:
             beam %= count

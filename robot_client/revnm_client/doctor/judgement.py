@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from revnm_client import keys
 from revnm_client.doctor.blind_sectors import blind_degrees, sectors
 from revnm_client.doctor.observation import Observation, Received, Series
-from revnm_client.geometry import FloatArray
+from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Odometry, Scan
 from revnm_client.plan_tracking import OdometryBuffer
 from revnm_client.safety import SafetyConfig
@@ -52,11 +52,12 @@ class Finding:
 
 def examine(seen: Observation, settings: RobotSettings) -> list[Finding]:
     """Judge what was seen of a robot."""
+    scans = _placed(seen.scans, settings.lidar.pose)
     findings = [*_clock(seen, settings)]
     findings += _coming("scan", keys.scan(settings.robot), seen.scans, seen)
     if seen.scans.items:
         limit_s = settings.safety.max_scan_age_s
-        findings += [_scan(seen.scans, limit_s), _view(seen.scans), _own_hits(seen.scans, settings.footprint)]
+        findings += [_scan(scans, limit_s), _view(scans), _own_hits(scans, settings.footprint)]
         findings.append(_stamps("scan", seen.scans, limit_s))
     findings += _coming("odometry", keys.odom(settings.robot), seen.odometry, seen)
     if seen.odometry.items:
@@ -70,6 +71,13 @@ def examine(seen: Observation, settings: RobotSettings) -> list[Finding]:
     if seen.trouble is not None:
         findings.append(Finding(Verdict.FAULT, "base", f"{seen.trouble}: the robot will not move until that is over"))
     return [*findings, *_plans(seen, settings), *_client(seen)]
+
+
+def _placed(scans: Series[Scan], robot_from_lidar: Pose2) -> Series[Scan]:
+    """Return the scans with where the LiDAR sits, which no message tells."""
+    return Series(
+        [Received(replace(each.message, robot_from_lidar=robot_from_lidar), each.received_ns) for each in scans.items]
+    )
 
 
 def _clock(seen: Observation, settings: RobotSettings) -> Iterator[Finding]:
@@ -137,7 +145,7 @@ def _view(series: Series[Scan]) -> Finding:
     where = ", ".join(str(sector) for sector in sectors(blind))
     bearing = np.abs(np.arange(-180, 180))
     if blind[bearing <= _AHEAD_DEG].all():
-        text = f"blind ahead ({where}): is the LiDAR mounted the other way round? 0° must be the robot's front"
+        text = f"blind ahead ({where}): is the LiDAR mounted the other way round? Then say so: lidar.yaw_rad"
         return Finding(Verdict.FAULT, "view", text)
     if not where:
         return Finding(Verdict.OK, "view", "all around")
@@ -157,7 +165,7 @@ def _own_hits(series: Series[Scan], outline: FootprintSettings) -> Finding:
     text = (
         f"{len(most)} beams end within the robot's own outline, about {math.hypot(x, y):.2f} m away at "
         f"{math.degrees(math.atan2(y, x)):.0f}°: the LiDAR sees the robot. Mask these beams in its driver (range 0), "
-        "or mend footprint"
+        "or mend footprint or lidar"
     )
     return Finding(Verdict.FAULT, "outline", text)
 

@@ -30,6 +30,7 @@ def agent_config(settings: RobotSettings) -> AgentConfig:
     braking, safety = settings.braking, settings.safety
     return AgentConfig(
         robot=settings.robot,
+        lidar=settings.lidar.pose,
         mppi=_mppi(settings.limits, footprint),
         safety=SafetyConfig(
             max_plan_age_s=safety.max_plan_age_s,
@@ -49,7 +50,8 @@ def agent_config(settings: RobotSettings) -> AgentConfig:
 def _mppi(limits: Limits, footprint: Footprint) -> MppiConfig:
     """Return the controller, its noise and its field of obstacles in the Megarover's proportions to speed and size."""
     usual = MppiConfig()
-    reach_m = footprint.circle_radius_m + usual.weights.repulsion_margin_m + _BEYOND_MARGIN_M
+    reach_m = max(footprint.circle_radius_m + usual.weights.repulsion_margin_m, footprint.circumscribed_m)
+    reach_m += _BEYOND_MARGIN_M
     return MppiConfig(
         max_v_mps=limits.max_v_mps,
         max_w_radps=limits.max_w_radps,

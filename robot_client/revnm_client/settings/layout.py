@@ -74,6 +74,7 @@ LIMITS = Section(
     }
 )
 FOOTPRINT = Section({"length_m": Number(0.05, 2.0), "width_m": Number(0.05, 2.0), "center_x_m": Number(-1.0, 1.0)})
+LIDAR = Section({"x_m": Number(-1.0, 1.0), "y_m": Number(-1.0, 1.0), "yaw_rad": Number(-3.1416, 3.1416)})
 BRAKING = Section(
     {
         "delay_s": Number(0.05, 1.0),
@@ -98,6 +99,7 @@ _FIELDS: dict[str, Kind] = {
     "driver": Driver(),
     "limits": LIMITS,
     "footprint": FOOTPRINT,
+    "lidar": LIDAR,
     "braking": BRAKING,
     "safety": SAFETY,
     "log": LOG,

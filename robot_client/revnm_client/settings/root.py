@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from revnm_client.geometry import Pose2
+
 
 @dataclass(frozen=True, slots=True)
 class DriverSettings:
@@ -38,6 +40,20 @@ class FootprintSettings:
     length_m: float
     width_m: float
     center_x_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class LidarSettings:
+    """Where the LiDAR sits, from the point that the robot turns about, and where its beam of angle 0 looks."""
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    yaw_rad: float = 0.0
+
+    @property
+    def pose(self) -> Pose2:
+        """``robot_from_lidar``."""
+        return Pose2(self.x_m, self.y_m, self.yaw_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +94,7 @@ class RobotSettings:
         driver: What carries scans, odometry and velocities.
         limits: What is asked of the base at most.
         footprint: The robot's outline.
+        lidar: Where the LiDAR sits.
         braking: How the robot stops.
         safety: How old what the robot drives by may be.
         log: The log.
@@ -89,6 +106,7 @@ class RobotSettings:
     driver: DriverSettings
     limits: Limits
     footprint: FootprintSettings
+    lidar: LidarSettings
     braking: BrakingSettings
     safety: SafetySettings
     log: LogSettings

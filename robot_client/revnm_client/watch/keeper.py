@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
-from revnm_client.geometry import FloatArray
+from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.json_payload import Scalar
 from revnm_client.messages import Plan, Scan
 from revnm_client.plan_tracking import OdometryBuffer, TrackedPlan, track
@@ -49,11 +50,16 @@ class ViewKeeper:
         scan = self._scan if now_s - self._scan_s < _FRESH_S else None
         return View(
             robot=self._robot,
-            points_m=None if scan is None else scan.points_m(),
+            points_m=None if scan is None else replace(scan, robot_from_lidar=self._lidar()).points_m(),
             path_m=self._path_m(scan) if now_s - self._plan_s < _FRESH_S else None,
             state=self._state,
             state_age_s=now_s - self._state_s,
         )
+
+    def _lidar(self) -> Pose2:
+        """Return where the robot's state says that its LiDAR sits; in its middle where it says nothing."""
+        told = [(self._state or {}).get(key) for key in ("lidar_x_m", "lidar_y_m", "lidar_yaw_rad")]
+        return Pose2(*(value if isinstance(value, int | float) else 0.0 for value in told))
 
     def _tracked(self, plan: Plan) -> TrackedPlan | None:
         """Return the plan with its place in the odometry frame; None while clock or place is unknown."""
