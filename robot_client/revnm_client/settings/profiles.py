@@ -50,7 +50,8 @@ PROFILES: dict[str, Profile] = {
             "lidar": {"x_m": -0.048},
             "braking": {"delay_s": 0.2, "braking_mps2": 0.5, "braking_radps2": 2.0, "margin_m": 0.03},
         },
-        "fits Burger and Waffle: the smaller speeds and the Waffle's outline, in which the Burger's lies, and the middle between their LiDARs",
+        "fits Burger and Waffle: the smaller speeds and the Waffle's outline, in which the Burger's lies, "
+        "and the middle between their LiDARs",
     ),
     "turtlebot3_burger": Profile(
         {
