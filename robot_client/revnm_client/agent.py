@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,8 @@ import numpy as np
 from revnm_client.braking import stopping_poses
 from revnm_client.errors import ConfigError
 from revnm_client.escape import BACK_MPS, Escape, Surroundings, WayOut
-from revnm_client.geometry import IDENTITY, FloatArray, Pose2
-from revnm_client.messages import STANDSTILL, Odometry, Plan, Scan, Velocity
+from revnm_client.geometry import FloatArray, Pose2
+from revnm_client.messages import STANDSTILL, Mounting, Odometry, Plan, Scan, Velocity
 from revnm_client.mppi import Mppi, MppiConfig, MppiInput
 from revnm_client.obstacle_memory import ObstacleMemory
 from revnm_client.plan_gate import PlanGate
@@ -38,7 +38,7 @@ class AgentConfig:
     Attributes:
         robot: Name, as in the keys.
         seed: Of the controller's noise.
-        lidar: Where the LiDAR sits: ``robot_from_lidar``.
+        lidar: How the LiDAR is mounted.
         arrive_m: The robot stands once the last waypoint is this near...
         leave_m: ...and drives again when it is farther than this.
         mppi: The controller.
@@ -47,7 +47,7 @@ class AgentConfig:
 
     robot: str = "robot"
     seed: int = 0
-    lidar: Pose2 = IDENTITY
+    lidar: Mounting = field(default_factory=Mounting)
     arrive_m: float = 0.12
     leave_m: float = 0.2
     mppi: MppiConfig = field(default_factory=MppiConfig)
@@ -142,7 +142,7 @@ class RobotAgent:
         self._scan_times = Times(scan.stamp_ns, received_ns)
         self._watch.look(scan, pose)
         if not self._watch.stuck:
-            scan = replace(scan, robot_from_lidar=self._config.lidar)
+            scan = self._config.lidar.place(scan)
             self._memory.add(scan, pose)
             self._seen.add(scan, pose)
 
@@ -196,6 +196,7 @@ class RobotAgent:
     def state(self, now_ns: int) -> dict[str, Any]:
         """Return the state for display, flat and fit for JSON; unknown values are None."""
         situation, velocity = self._situation(), self._last.velocity
+        lidar = self._config.lidar.robot_from_lidar
         p50, p95 = np.percentile(self._tick_ms, (50, 95)) if self._tick_ms else (math.nan, math.nan)
         return {
             "robot": self._config.robot,
@@ -217,9 +218,9 @@ class RobotAgent:
             "clock_offset_ms": None if self._offset_ns is None else round(self._offset_ns * 1e-6, 3),
             "round_trip_ms": None if self._round_trip_ns is None else round(self._round_trip_ns * 1e-6, 3),
             "stopping_m": self._stopping_m(),
-            "lidar_x_m": self._config.lidar.x_m,
-            "lidar_y_m": self._config.lidar.y_m,
-            "lidar_yaw_rad": self._config.lidar.yaw_rad,
+            "lidar_x_m": lidar.x_m,
+            "lidar_y_m": lidar.y_m,
+            "lidar_yaw_rad": lidar.yaw_rad,
         }
 
     def _situation(self) -> Situation:

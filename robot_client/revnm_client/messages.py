@@ -6,7 +6,7 @@ every decoded one, so code that holds one of these can trust it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,26 @@ class Scan:
         ranges = self.ranges_m[index].astype(np.float64)
         points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)  # (M, 2), the LiDAR's frame
         return points if self.robot_from_lidar == IDENTITY else self.robot_from_lidar.apply(points)
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """What no scan tells of its LiDAR.
+
+    Attributes:
+        robot_from_lidar: Where it sits.
+        zero_is_open: Its driver says 0 where nothing is in range, as some do, and not that it sees nothing.
+    """
+
+    robot_from_lidar: Pose2 = IDENTITY
+    zero_is_open: bool = False
+
+    def place(self, scan: Scan) -> Scan:
+        """Return the scan as the robot has it."""
+        ranges = scan.ranges_m
+        if self.zero_is_open:
+            ranges = np.where(ranges == 0.0, np.float32(np.inf), ranges)
+        return replace(scan, ranges_m=ranges, robot_from_lidar=self.robot_from_lidar)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
-from revnm_client.messages import Odometry, Plan, Scan, Velocity
+from revnm_client.messages import Mounting, Odometry, Plan, Scan, Velocity
 from revnm_client.obstacle_memory import ObstacleMemory
 from revnm_client.plan_tracking import OdometryBuffer, track, travelled
 
@@ -157,6 +157,17 @@ def test_points_lie_where_the_lidar_sits() -> None:
     memory = ObstacleMemory()
     memory.add(replace(scan(with_beam(1.0, 0, spread=0), 0), robot_from_lidar=BACKWARDS), Pose2(5.0, 0.0, 0.0))
     np.testing.assert_allclose(memory.points_m(Pose2(5.0, 0.0, 0.0)), [[-0.8, 0.0]], atol=1e-6)
+
+
+def test_zeros_may_mean_that_nothing_is_there() -> None:
+    memory = ObstacleMemory()
+    here = Pose2(0.0, 0.0, 0.0)
+    memory.add(scan(with_beam(1.0, 0), 0), here)
+    zeros = scan(np.zeros(BEAMS), 100)
+    memory.add(Mounting().place(zeros), here)
+    assert len(memory.points_m(here)) == 7  # it cannot see there
+    memory.add(Mounting(zero_is_open=True).place(zeros), here)
+    assert len(memory.points_m(here)) == 0
 
 
 def test_what_hides_is_judged_from_where_the_lidar_sits() -> None:

@@ -11,6 +11,8 @@ import pytest
 
 from revnm_client.agent import AgentConfig
 from revnm_client.errors import FileError, RevnmError
+from revnm_client.geometry import Pose2
+from revnm_client.messages import Mounting
 from revnm_client.settings import BadSettingsError, RobotSettings, load_settings
 from revnm_client.settings.assembly import agent_config
 from revnm_client.settings.layout import ROOT
@@ -75,11 +77,13 @@ def test_without_a_file_it_is_what_the_agent_is_by_default():
 
 
 def test_the_agent_gets_limits_outline_and_ages():
-    config = agent_config(load(GOOD + "braking: {delay_s: 0.25, margin_m: 0.05}\nlidar: {x_m: 0.1, yaw_rad: 3.14}\n"))
+    config = agent_config(
+        load(GOOD + "braking: {delay_s: 0.25, margin_m: 0.05}\nlidar: {x_m: 0.1, yaw_rad: 3.14, zero_is_open: true}\n")
+    )
     assert (config.robot, config.mppi.max_v_mps, config.safety.max_plan_age_s) == ("rover", 0.4, 0.6)
     assert (config.safety.braking.delay_s, config.safety.braking.margin_m) == (0.25, 0.05)
     assert (config.mppi.footprint.length_m, config.mppi.footprint.width_m) == (0.5, 0.4)
-    assert config.lidar == (0.1, 0.0, 3.14)
+    assert config.lidar == Mounting(Pose2(0.1, 0.0, 3.14), zero_is_open=True)
     assert config.mppi.sigma_v_mps == pytest.approx(0.16)  # 2/5 of the speed, as the Megarover's 0.2 of 0.5
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -12,8 +12,8 @@ import numpy as np
 from revnm_client import keys
 from revnm_client.doctor.blind_sectors import blind_degrees, sectors
 from revnm_client.doctor.observation import Observation, Received, Series
-from revnm_client.geometry import FloatArray, Pose2
-from revnm_client.messages import Odometry, Scan
+from revnm_client.geometry import FloatArray
+from revnm_client.messages import Mounting, Odometry, Scan
 from revnm_client.plan_tracking import OdometryBuffer
 from revnm_client.safety import SafetyConfig
 from revnm_client.settings import FootprintSettings, RobotSettings
@@ -52,7 +52,7 @@ class Finding:
 
 def examine(seen: Observation, settings: RobotSettings) -> list[Finding]:
     """Judge what was seen of a robot."""
-    scans = _placed(seen.scans, settings.lidar.pose)
+    scans = _placed(seen.scans, settings.lidar.mounting)
     findings = [*_clock(seen, settings)]
     findings += _coming("scan", keys.scan(settings.robot), seen.scans, seen)
     if seen.scans.items:
@@ -73,11 +73,9 @@ def examine(seen: Observation, settings: RobotSettings) -> list[Finding]:
     return [*findings, *_plans(seen, settings), *_client(seen)]
 
 
-def _placed(scans: Series[Scan], robot_from_lidar: Pose2) -> Series[Scan]:
+def _placed(scans: Series[Scan], lidar: Mounting) -> Series[Scan]:
     """Return the scans with where the LiDAR sits, which no message tells."""
-    return Series(
-        [Received(replace(each.message, robot_from_lidar=robot_from_lidar), each.received_ns) for each in scans.items]
-    )
+    return Series([Received(lidar.place(each.message), each.received_ns) for each in scans.items])
 
 
 def _clock(seen: Observation, settings: RobotSettings) -> Iterator[Finding]:

@@ -30,7 +30,7 @@ def agent_config(settings: RobotSettings) -> AgentConfig:
     braking, safety = settings.braking, settings.safety
     return AgentConfig(
         robot=settings.robot,
-        lidar=settings.lidar.pose,
+        lidar=settings.lidar.mounting,
         mppi=_mppi(settings.limits, footprint),
         safety=SafetyConfig(
             max_plan_age_s=safety.max_plan_age_s,

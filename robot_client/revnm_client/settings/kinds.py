@@ -64,6 +64,19 @@ class Whole:
 
 
 @dataclass(frozen=True, slots=True)
+class Flag:
+    """True or false."""
+
+    def read(self, value: Any, place: Place, note: Note) -> Any:
+        """Return it."""
+        return value if isinstance(value, bool) else note(place, f"{_shown(value)}: expected true or false")
+
+    def schema(self) -> Schema:
+        """Return the JSON Schema."""
+        return {"type": "boolean"}
+
+
+@dataclass(frozen=True, slots=True)
 class Choice:
     """One of some words."""
 

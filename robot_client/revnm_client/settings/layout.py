@@ -10,6 +10,7 @@ from revnm_client.settings.document import Place
 from revnm_client.settings.kinds import (
     Anything,
     Choice,
+    Flag,
     Kind,
     Note,
     Number,
@@ -74,7 +75,14 @@ LIMITS = Section(
     }
 )
 FOOTPRINT = Section({"length_m": Number(0.05, 2.0), "width_m": Number(0.05, 2.0), "center_x_m": Number(-1.0, 1.0)})
-LIDAR = Section({"x_m": Number(-1.0, 1.0), "y_m": Number(-1.0, 1.0), "yaw_rad": Number(-3.1416, 3.1416)})
+LIDAR = Section(
+    {
+        "x_m": Number(-1.0, 1.0),
+        "y_m": Number(-1.0, 1.0),
+        "yaw_rad": Number(-3.1416, 3.1416),
+        "zero_is_open": Flag(),
+    }
+)
 BRAKING = Section(
     {
         "delay_s": Number(0.05, 1.0),

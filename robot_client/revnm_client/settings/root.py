@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from revnm_client.geometry import Pose2
+from revnm_client.messages import Mounting
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,16 +45,20 @@ class FootprintSettings:
 
 @dataclass(frozen=True, slots=True)
 class LidarSettings:
-    """Where the LiDAR sits, from the point that the robot turns about, and where its beam of angle 0 looks."""
+    """Where the LiDAR sits, from the point that the robot turns about, and where its beam of angle 0 looks.
+
+    ``zero_is_open``: see :class:`revnm_client.messages.Mounting`.
+    """
 
     x_m: float = 0.0
     y_m: float = 0.0
     yaw_rad: float = 0.0
+    zero_is_open: bool = False
 
     @property
-    def pose(self) -> Pose2:
-        """``robot_from_lidar``."""
-        return Pose2(self.x_m, self.y_m, self.yaw_rad)
+    def mounting(self) -> Mounting:
+        """How the LiDAR is mounted."""
+        return Mounting(Pose2(self.x_m, self.y_m, self.yaw_rad), self.zero_is_open)
 
 
 @dataclass(frozen=True, slots=True)
