@@ -35,6 +35,7 @@ __all__ = [
     "encode_scan",
     "encode_stamped_velocity",
     "encode_velocity",
+    "type_hash",
 ]
 
 ROBOT_FRAME = "base_link"
@@ -65,6 +66,11 @@ _IMAGE = "sensor_msgs/msg/CompressedImage"
 def _store() -> Typestore:
     """Return the ROS 2 types; made at the first use, since that takes some 50 ms."""
     return get_typestore(Stores.ROS2_JAZZY)
+
+
+def type_hash(typename: str) -> str:
+    """Return the hash of a ROS 2 type, such as ``geometry_msgs/msg/Twist``: ``RIHS01_`` and 64 digits (REP 2016)."""
+    return str(_store().hash_rihs01(typename))
 
 
 def _make(typename: str, **fields: Any) -> Any:

@@ -104,7 +104,7 @@ class RobotRunner:
         """
         settings = self._settings
         with open_client(settings.connect, stop=stop) as session:
-            context = DriverContext(settings.robot, session)
+            context = DriverContext(settings.robot, session, stop)
             with (
                 ServerLink(session, settings.robot) as server,
                 closing(open_driver(settings.driver, settings.driver_options, context)) as driver,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, cast
 
@@ -15,6 +16,7 @@ from revnm_client.errors import ConfigError
 
 BUILT_IN = {
     "zenoh": "revnm_client.drivers.zenoh_driver:ZenohDriver",
+    "rmw_zenoh": "revnm_client.drivers.rmw_zenoh_driver:RmwZenohDriver",
 }
 
 
@@ -25,10 +27,12 @@ class DriverContext:
     Attributes:
         robot: Name of the robot in the keys.
         session: The session to the server.
+        stop: Set when the client is told to stop: a driver that waits for its robot gives up.
     """
 
     robot: str
     session: zenoh.Session
+    stop: threading.Event = field(default_factory=threading.Event)
 
 
 def open_driver(kind: str, options: Mapping[str, Any], context: DriverContext) -> RobotDriver:
