@@ -35,6 +35,8 @@ __all__ = [
     "encode_scan",
     "encode_stamped_velocity",
     "encode_velocity",
+    "odometry_from",
+    "scan_from",
     "type_hash",
 ]
 
@@ -152,7 +154,15 @@ def decode_scan(payload: bytes) -> Scan:
             range is below the shortest, as of a sensor that is covered or stands still: it sees nothing.
     """
     message = _decode(payload, _SCAN)
-    stamp_ns = _decode_stamp(message)
+    return scan_from(message, _decode_stamp(message))
+
+
+def scan_from(message: Any, stamp_ns: int) -> Scan:
+    """Return the checked scan of a message that has LaserScan's fields, wherever it came from.
+
+    Raises:
+        MessageError: As for :func:`decode_scan`.
+    """
     ranges_m = validate.ranges(message.ranges, low=1, high=MAX_BEAMS)
     increment = validate.number(message.angle_increment, what="angle_increment", low=-math.tau, high=math.tau)
     turn = abs(increment) * (len(ranges_m) - 1)
@@ -192,6 +202,15 @@ def decode_odometry(payload: bytes) -> Odometry:
     message = _decode(payload, _ODOMETRY)
     stamp_ns = _decode_stamp(message)
     validate.name(message.child_frame_id, what="child_frame_id")
+    return odometry_from(message, stamp_ns)
+
+
+def odometry_from(message: Any, stamp_ns: int) -> Odometry:
+    """Return the checked odometry of a message that has Odometry's fields, wherever it came from.
+
+    Raises:
+        MessageError: As for :func:`decode_odometry`.
+    """
     position, turn = message.pose.pose.position, message.pose.pose.orientation
     pose = Pose2(
         validate.number(position.x, what="position.x", low=-MAX_POSITION_M, high=MAX_POSITION_M),

@@ -58,7 +58,8 @@ def ranges(values: NDArray[Any], *, low: int, high: int) -> NDArray[np.float32]:
     """
     if not low <= len(values) <= high:
         raise MessageError(f"scan has {len(values)} beams: expected {low} to {high}")
-    metres = np.array(values, dtype=np.float32)
+    with np.errstate(over="ignore"):  # what is too far for 32 bits is inf
+        metres = np.array(values, dtype=np.float32)
     good = metres >= 0.0  # False for NaN too
     if not good.all():
         index = int(np.flatnonzero(~good)[0])

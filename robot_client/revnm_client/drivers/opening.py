@@ -17,6 +17,7 @@ from revnm_client.errors import ConfigError
 BUILT_IN = {
     "zenoh": "revnm_client.drivers.zenoh_driver:ZenohDriver",
     "rmw_zenoh": "revnm_client.drivers.rmw_zenoh_driver:RmwZenohDriver",
+    "kachaka": "revnm_client.drivers.kachaka.driver:KachakaDriver",
 }
 
 

@@ -1,0 +1,1 @@
+"""Kachaka, a robot that speaks gRPC: needs the extra ``revnm-client[kachaka]``."""
