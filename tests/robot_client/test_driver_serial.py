@@ -22,7 +22,7 @@ from revnm_client.messages import Velocity
 
 pytest.importorskip("serial", reason="pyserial is not installed")
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "robot_client" / "examples"
 RANGES = " ".join(["1500"] * 90 + ["0"] * 270)
 
 

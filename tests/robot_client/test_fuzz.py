@@ -45,16 +45,17 @@ FLOATS = [math.nan, math.inf, -math.inf, 3e38, -3e38, 1e-45, -1e-45, 0.0, -0.0, 
 DOUBLES = [*FLOATS, 1e308, -1e308, 5e-324]
 INTEGERS = [0, 1, 999_999_999, NS, 2**31 - 1, -1, -(2**31)]
 TEXTS = ["", "map", "base_link\0", "\n" * 64, "x" * 65, "é" * 40, "%s%n"]
+TICKET = b'{"epoch":%s,"seq":%s,"goal":%s}'
 ATTACHMENTS = [
     b"",
     b"{}",
     b"null",
     b"[" * 3000,
     b'{"epoch":1,"seq":1}',
-    *(b'{"epoch":%s,"seq":1000000,"goal":"g"}' % text for text in (b"-1", b"1e3", b"NaN", b"true", b'"1"', b"9" * 4000)),
-    *(b'{"epoch":1000000,"seq":%s,"goal":"g"}' % text for text in (b"-1", b"1.0", b"null", b"[1]", b"9223372036854775808")),
-    *(b'{"epoch":1000000,"seq":1,"goal":%s}' % text for text in (b"1", b'"\\u0000"', b'"' + b"g" * 65 + b'"', b'"\xff"')),
-]  # fmt: skip
+    *(TICKET % (bad, b"1", b'"g"') for bad in (b"-1", b"1e3", b"NaN", b"true", b'"1"', b"9" * 4000)),
+    *(TICKET % (b"1000000", bad, b'"g"') for bad in (b"-1", b"1.0", b"null", b"[1]", b"9223372036854775808")),
+    *(TICKET % (b"1000000", b"1", bad) for bad in (b"1", b'"\\u0000"', b'"' + b"g" * 65 + b'"', b'"\xff"')),
+]
 
 
 class Wire(NamedTuple):

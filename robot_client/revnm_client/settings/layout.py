@@ -28,13 +28,24 @@ CUSTOM = "custom"
 _CLASS = r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
 _NAME = Text(r"[A-Za-z0-9_-]{1,32}", "1 to 32 of A-Z a-z 0-9 _ -, as the server knows the robot")
 _ENDPOINT = Text(r"[a-z][a-z0-9_-]*/\S+", "tcp/HOST:PORT or the like, such as tcp/192.168.1.5:7447")
-_HOST_PORT = Text(r"[^\s/:]+:[0-9]{1,5}", "HOST:PORT, such as 192.168.1.20:26400")
+_HOST_PORT = Text(r"[A-Za-z0-9._-]+(:[0-9]{1,5})?", "HOST or HOST:PORT, such as 192.168.1.20:26400")
+_TOPIC = Text(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*/?", "a name of ROS 2 such as scan or front/scan")
 _COMMAND = Choice(("twist", "twist_stamped"))
 
 DRIVERS: dict[str, Section] = {
     "zenoh": Section({"kind": Anything(), "connect": OneOrMore(_ENDPOINT), "cmd_vel": _COMMAND}),
     "rmw_zenoh": Section(
-        {"kind": Anything(), "connect": OneOrMore(_ENDPOINT), "cmd_vel": _COMMAND, "domain": Whole(0, 232)}
+        {
+            "kind": Anything(),
+            "connect": OneOrMore(_ENDPOINT),
+            "domain": Whole(0, 232),
+            "namespace": _TOPIC,
+            "scan_topic": _TOPIC,
+            "odom_topic": _TOPIC,
+            "cmd_vel_topic": _TOPIC,
+            "cmd_vel": _COMMAND,
+            "distro": Choice(("humble",)),
+        }
     ),
     "kachaka": Section({"kind": Anything(), "address": _HOST_PORT}, required=("address",)),
 }
