@@ -164,7 +164,14 @@ def test_a_custom_robot_says_how_fast_and_how_large_it_is():
     ("driver", "problem"),
     [
         ("{kind: kachaka}", "driver.address: is missing"),
-        ("{kind: kachaka, address: here}", "driver.address: 'here': expected HOST:PORT, such as 192.168.1.20:26400"),
+        (
+            "{kind: kachaka, address: 'a b'}",
+            "driver.address: 'a b': expected HOST or HOST:PORT, such as 192.168.1.20:26400",
+        ),
+        (
+            "{kind: rmw_zenoh, scan_topic: 1st}",
+            "driver.scan_topic: '1st': expected a name of ROS 2 such as scan or front/scan",
+        ),
         ("{kind: rmw_zenoh, domain: 300}", "driver.domain: 300: expected a whole number from 0 to 232"),
         ("{kind: zenoh, domain: 3}", "driver.domain: unknown key: expected one of cmd_vel, connect, kind"),
         ("{kind: ros}", f"driver.kind: 'ros': {KINDS}"),
