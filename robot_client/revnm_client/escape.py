@@ -1,7 +1,8 @@
 """What a robot does that should drive and cannot: back off over floor that it knows, else turn to where there is room.
 
-The controller never drives backwards; only this does, slowly and a little. Each escape is waited for twice as long as
-the one before it, until the robot has left the place: in front of something that stays it comes to rest.
+The controller never drives backwards; only this does, slowly and a little. At the same place each escape is waited for
+twice as long as the one before it, and backs off farther: the robot gets out of a niche, and comes to rest in front of
+something that stays.
 """
 
 from __future__ import annotations
@@ -23,18 +24,21 @@ TURNING = "stuck: turning to where there is room"
 NO_WAY_OUT = "stuck: no way out"
 BACK_MPS = 0.15
 
-_PATIENCE_NS = 3_000_000_000
-_LONGEST_PATIENCE_NS = 48_000_000_000
-_MOVED_M, _TURNED_RAD = 0.15, 0.5  # who does less meanwhile does not get on: creeping and wobbling are less
+_PATIENCE_NS = 5_000_000_000
+_MOST_TRIES = 3  # that are counted: patience of 40 s
+_LEAST_MPS, _TURNED_RAD = 0.02, 0.5  # who does less meanwhile does not get on: drifting and wobbling are less
 _LEFT_M = 1.0  # so far from where the robot was stuck it has escaped
-_BACK_M = 0.3
+_BACK_M = 0.3  # of the first try
 _PROBE_M = 0.1  # looked at behind the robot while it backs off: more than it takes to stop
 _STRIP_M = 0.08  # between two of the places that must have been seen
 _TURN_RADPS = 0.5
 _HEADINGS = 24
 _ROOM_M, _ENOUGH_M, _MORE_M = 0.5, 1.0, 0.3  # least room, more than is needed, and more than ahead by this
 _TURNED_TO_RAD = 0.1
-_BACK_NS, _TURN_NS = 4_000_000_000, 15_000_000_000  # a wheel that slips or a base that does not obey ends it
+_BACK_NS, _TURN_NS = (
+    4_000_000_000,
+    15_000_000_000,
+)  # of the first try; a wheel that slips or a base that does not obey ends it
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +76,7 @@ class _Manoeuvre:
     Attributes:
         velocity: Of the robot meanwhile.
         reason: In words.
-        goal: Where in the odometry frame a turn ends; backing off ends so far from where it began.
+        goal: Where it ends, in the odometry frame.
         end_ns: When it ends at the latest.
     """
 
@@ -93,7 +97,7 @@ class Escape:
         self._braking = braking
         self._back = Velocity(-min(BACK_MPS, mppi.max_v_mps), 0.0)
         self._turn_radps = min(_TURN_RADPS, mppi.max_w_radps)
-        self._patience_ns = _PATIENCE_NS
+        self._tries = 0
         self._stuck_at: Pose2 | None = None
         self.reset()
 
@@ -115,8 +119,8 @@ class Escape:
                 return WayOut(self._manoeuvre.velocity, self._manoeuvre.reason)
             self.reset()
         if self._stuck_at is not None and _distance_m(self._stuck_at, pose) > _LEFT_M:
-            self._stuck_at, self._patience_ns = None, _PATIENCE_NS
-        if self._since is None or _moved(self._since[0], pose):
+            self._stuck_at, self._tries = None, 0
+        if self._since is None or self._got_on(self._since[0], pose):
             self._since = pose, now_ns
         if now_ns - self._since[1] < self._patience_ns:
             return None
@@ -124,13 +128,23 @@ class Escape:
         if self._manoeuvre is None:
             return WayOut(None, NO_WAY_OUT)
         self._stuck_at = self._stuck_at or pose
-        self._patience_ns = min(2 * self._patience_ns, _LONGEST_PATIENCE_NS)
+        self._tries = min(self._tries + 1, _MOST_TRIES)
         return WayOut(self._manoeuvre.velocity, self._manoeuvre.reason)
+
+    @property
+    def _patience_ns(self) -> int:
+        return _PATIENCE_NS << self._tries
+
+    def _got_on(self, before: Pose2, now: Pose2) -> bool:
+        turned = abs(wrap_angle(now.yaw_rad - before.yaw_rad)) > _TURNED_RAD
+        return turned or _distance_m(before, now) > _LEAST_MPS * self._patience_ns * 1e-9
 
     def _find(self, now_ns: int, around: Surroundings) -> _Manoeuvre | None:
         pose = around.odom_from_robot
         if self._may_back(around):
-            return _Manoeuvre(self._back, BACKING_OFF, pose, now_ns + _BACK_NS)
+            tries = min(self._tries + 1, _MOST_TRIES)
+            goal = pose @ Pose2(-tries * _BACK_M, 0.0, 0.0)
+            return _Manoeuvre(self._back, BACKING_OFF, goal, now_ns + tries * _BACK_NS)
         turn_rad = self._turn_to_room(around.points_m)
         if turn_rad is None:
             return None
@@ -142,7 +156,8 @@ class Escape:
         if now_ns >= manoeuvre.end_ns:
             return False
         if manoeuvre.reason == BACKING_OFF:
-            return _distance_m(manoeuvre.goal, pose) < _BACK_M and self._may_back(around)
+            left_m = (manoeuvre.goal.inverse() @ pose).x_m
+            return left_m > 0.0 and self._may_back(around)
         return abs(wrap_angle(manoeuvre.goal.yaw_rad - pose.yaw_rad)) > _TURNED_TO_RAD
 
     def _may_back(self, around: Surroundings) -> bool:
@@ -188,8 +203,3 @@ class Escape:
 
 def _distance_m(a: Pose2, b: Pose2) -> float:
     return math.hypot(b.x_m - a.x_m, b.y_m - a.y_m)
-
-
-def _moved(before: Pose2, now: Pose2) -> bool:
-    turned = abs(wrap_angle(now.yaw_rad - before.yaw_rad)) > _TURNED_RAD
-    return turned or _distance_m(before, now) > _MOVED_M
