@@ -26,6 +26,7 @@ BACK_MPS = 0.15
 
 _PATIENCE_NS = 5_000_000_000
 _MOST_TRIES = 3  # that are counted: patience of 40 s
+_CAN_TURN = 3  # times the patience with a robot that could turn: the controller may find a way round yet
 _LEAST_MPS, _TURNED_RAD = 0.02, 0.5  # who does less meanwhile does not get on: drifting and wobbling are less
 _LEFT_M = 1.0  # so far from where the robot was stuck it has escaped
 _BACK_M = 0.3  # of the first try
@@ -122,7 +123,7 @@ class Escape:
             self._stuck_at, self._tries = None, 0
         if self._since is None or self._got_on(self._since[0], pose):
             self._since = pose, now_ns
-        if now_ns - self._since[1] < self._patience_ns:
+        if self._is_patient(now_ns - self._since[1], around.points_m):
             return None
         self._manoeuvre = self._find(now_ns, around)
         if self._manoeuvre is None:
@@ -134,6 +135,12 @@ class Escape:
     @property
     def _patience_ns(self) -> int:
         return _PATIENCE_NS << self._tries
+
+    def _is_patient(self, stood_ns: int, points_m: FloatArray) -> bool:
+        if stood_ns < self._patience_ns:
+            return True
+        can_turn = any(self._may_sweep(turn_rad, points_m) for turn_rad in (math.pi / 2.0, -math.pi / 2.0))
+        return can_turn and stood_ns < _CAN_TURN * self._patience_ns
 
     def _got_on(self, before: Pose2, now: Pose2) -> bool:
         turned = abs(wrap_angle(now.yaw_rad - before.yaw_rad)) > _TURNED_RAD

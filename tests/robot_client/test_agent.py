@@ -342,8 +342,8 @@ def test_never_backs_off_blind() -> None:
 
 
 def test_turns_to_room_where_it_is_blind_behind() -> None:
-    scene = Scene(segments=np.array([[1.5, -3.0, 1.5, 3.0]]))
-    run = BlindBehind(scene, Pose2(0.0, 0.0, 0.0)).go(straight_to(np.array([4.0, 0.0])), 15.0)
+    bay = Scene(segments=np.array([[0.7, -0.36, 0.7, 0.36], [-0.5, 0.36, 0.7, 0.36], [-0.5, -0.36, 0.7, -0.36]]))
+    run = BlindBehind(bay, Pose2(0.0, 0.0, 0.0)).go(straight_to(np.array([4.0, 0.0])), 25.0)
     turned = np.array([pose[2] for pose, reason in zip(run.trace, run.reasons, strict=True) if reason == TURNING])
     assert np.ptp(turned) > 0.7
     assert np.array(run.trace)[:, 3].min() >= 0.0

@@ -17,6 +17,7 @@ from revnm_client.seen_floor import SeenFloor
 NOTHING = np.empty((0, 2))
 HERE = Pose2(3.0, -1.0, 0.5)
 SECOND_NS = 1_000_000_000
+ALLEY = np.stack([np.tile(np.arange(-0.2, 1.0, 0.02), 2), np.repeat([-0.24, 0.24], 60)], axis=1)  # no room to turn
 
 
 def escape() -> Escape:
@@ -45,12 +46,16 @@ def stuck(machine: Escape, surroundings: Surroundings) -> int:
 
 def test_backs_off_after_five_seconds_for_thirty_centimetres() -> None:
     machine = escape()
-    now_ns = stuck(machine, around())
+    now_ns = stuck(machine, around(points=ALLEY))
     assert now_ns == 5 * SECOND_NS
     ways = [machine.step(now_ns, around(HERE @ Pose2(-0.01 * i, 0.0, 0.0))) for i in range(29)]
     assert {(way.velocity, way.reason) for way in ways if way} == {(Velocity(-0.15, 0.0), BACKING_OFF)}
     assert None not in ways
     assert machine.step(now_ns, around(HERE @ Pose2(-0.301, 0.0, 0.0))) is None
+
+
+def test_a_robot_that_could_turn_is_given_more_time() -> None:
+    assert stuck(escape(), around()) == 15 * SECOND_NS
 
 
 @pytest.mark.parametrize("step", [Pose2(0.0015, 0.0, 0.0), Pose2(0.0, 0.0, 0.01)])
@@ -64,14 +69,14 @@ def test_a_robot_that_gets_on_is_left_alone(step: Pose2) -> None:
 
 def test_wobbling_on_the_spot_is_being_stuck() -> None:
     machine = escape()
-    ways = [machine.step(i * SECOND_NS // 20, around(HERE @ Pose2(0.0, 0.0, 0.2 * math.sin(i)))) for i in range(110)]
+    ways = [machine.step(i * SECOND_NS // 20, around(HERE @ Pose2(0.0, 0.0, 0.2 * math.sin(i)))) for i in range(310)]
     assert any(ways)
 
 
 def test_standing_on_purpose_is_not() -> None:
     machine = escape()
-    for index in range(200):
-        assert machine.step(index * SECOND_NS // 20, around()) is None
+    for index in range(400):
+        assert machine.step(index * SECOND_NS // 20, around(points=ALLEY)) is None
         if index % 80 == 0:
             machine.reset()  # the end of the plan, a stop, a stale plan
 
@@ -80,14 +85,14 @@ def test_does_not_back_onto_an_obstacle_or_unseen_floor() -> None:
     # The rear lies at -0.215; 0.1 m behind it and the margin of 0.03 m must be free.
     machine, near, far = escape(), np.array([[-0.34, 0.1]]), np.array([[-0.36, 0.1]])
     stuck(machine, around(points=far))
-    backs = machine.step(6 * SECOND_NS, around(points=far))
+    backs = machine.step(16 * SECOND_NS, around(points=far))
     assert backs is not None
     assert backs.reason == BACKING_OFF
-    assert machine.step(6 * SECOND_NS, around(points=near)) is None  # stops there
+    assert machine.step(16 * SECOND_NS, around(points=near)) is None  # stops there
     for surroundings in (around(points=near), around(points=far, blind=True)):
         machine = escape()
         stuck(machine, surroundings)
-        way = machine.step(6 * SECOND_NS, surroundings)
+        way = machine.step(16 * SECOND_NS, surroundings)
         assert way is None or way.reason != BACKING_OFF
 
 
@@ -134,7 +139,7 @@ def test_a_base_that_does_not_obey_ends_it_and_the_next_one_is_waited_for_longer
     began: list[float] = []
     before = None
     for index in range(20 * 105):
-        way = machine.step(index * SECOND_NS // 20, around())
+        way = machine.step(index * SECOND_NS // 20, around(points=ALLEY))
         if way is not None and before is None:
             began.append(index / 20)
         before = way
@@ -144,8 +149,8 @@ def test_a_base_that_does_not_obey_ends_it_and_the_next_one_is_waited_for_longer
 
 def test_patience_is_short_again_elsewhere() -> None:
     machine = escape()
-    now_ns = stuck(machine, around()) + 5 * SECOND_NS
-    elsewhere = around(HERE @ Pose2(1.1, 0.0, 0.0))
+    now_ns = stuck(machine, around(points=ALLEY)) + 5 * SECOND_NS
+    elsewhere = around(HERE @ Pose2(1.1, 0.0, 0.0), ALLEY)
     assert machine.step(now_ns, elsewhere) is None
     assert machine.step(now_ns + 5 * SECOND_NS, elsewhere) is not None
 
