@@ -38,14 +38,14 @@ class ReasonLog:
         """Write that the condition has changed.
 
         Args:
-            reason: Why the robot stands; None while it drives.
+            reason: Why the robot stands, or that it gets itself out of somewhere; None while it drives.
             commanded: In the tick that changed it.
             state: The robot's state message.
         """
         now_s = self._clock_s()
         lasted_s = now_s - self._since_s
         parts = [
-            "driving" if reason is None else f"stopped: {reason}",
+            _told(reason, moves=commanded != STANDSTILL),
             f"commanded {_velocity(commanded)} after {_velocity(self._before)}",
             f"{'drove' if self._drove else 'stood'} {lasted_s:.1f} s before",
             "ages " + ", ".join(f"{name} {_age(state.get(key))}" for name, key in _AGES.items()),
@@ -54,7 +54,13 @@ class ReasonLog:
         shown = ("v_mps", "w_radps", "plan_seq", "goal_id", *_AGES.values(), *_COUNTERS.values())
         fields = {key: state.get(key) for key in shown} | {"reason": reason, "lasted_s": round(lasted_s, 3)}
         _log.info("; ".join(parts), extra=fields)
-        self._since_s, self._drove = now_s, reason is None
+        self._since_s, self._drove = now_s, reason is None or commanded != STANDSTILL
+
+
+def _told(reason: str | None, *, moves: bool) -> str:
+    if reason is None:
+        return "driving"
+    return reason if moves else f"stopped: {reason}"
 
 
 def _velocity(velocity: Velocity) -> str:

@@ -35,7 +35,7 @@ class ServiceNotice:
         elif now_s < self._due_s:
             return
         self._due_s = now_s + _EVERY_S
-        self._send("WATCHDOG=1", "STATUS=" + ("driving" if reason is None else f"standing: {reason}"))
+        self._send("WATCHDOG=1", f"STATUS={reason or 'driving'}")
 
     def stopping(self) -> None:
         """Say that the process is about to end."""

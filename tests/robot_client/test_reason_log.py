@@ -46,6 +46,16 @@ def test_a_change_is_one_line_with_commands_ages_and_counters(caplog, clock_s):
     ]
 
 
+def test_a_robot_that_gets_itself_out_is_not_called_stopped(caplog, clock_s):
+    caplog.set_level(logging.INFO)
+    log = ReasonLog(clock_s)
+    log.write("stuck: backing off", Velocity(-0.15, 0.0), STATE)
+    log.write("scan is 0.4 s old", STANDSTILL, STATE)
+    first, second = (record.getMessage() for record in caplog.records)
+    assert first.startswith("stuck: backing off; commanded -0.15 m/s")
+    assert "; drove 2.5 s before; " in second
+
+
 def test_as_json_the_parts_are_fields(caplog, clock_s):
     caplog.set_level(logging.INFO)
     ReasonLog(clock_s).write("scan is 0.4 s old", STANDSTILL, STATE)

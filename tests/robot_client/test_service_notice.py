@@ -60,7 +60,7 @@ def test_systemd_hears_that_it_is_ready_alive_and_stopping(manager):
     assert heard(inlet) == []
     clock.now_s += 0.05
     notice.ticked("scan is\n0.4 s old")
-    assert heard(inlet) == ["WATCHDOG=1\nSTATUS=standing: scan is 0.4 s old"]
+    assert heard(inlet) == ["WATCHDOG=1\nSTATUS=scan is 0.4 s old"]
     notice.stopping()
     assert heard(inlet) == ["STOPPING=1"]
 
@@ -95,7 +95,7 @@ def test_the_command_is_ready_before_its_server_is_and_watched_once_it_ticks(man
         eventually(lambda: says(f"READY=1\nSTATUS=waiting for {endpoint}"), within_s=20.0)
         assert not says("WATCHDOG")
         with open_router([endpoint]):
-            eventually(lambda: says("WATCHDOG=1\nSTATUS=standing: no odometry yet"))
+            eventually(lambda: says("WATCHDOG=1\nSTATUS=no odometry yet"))
             process.send_signal(signal.SIGTERM)
             eventually(lambda: says("STOPPING=1"))
             assert process.wait(10.0) == 0
