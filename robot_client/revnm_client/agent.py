@@ -13,8 +13,8 @@ import numpy as np
 
 from revnm_client.braking import stopping_poses
 from revnm_client.errors import ConfigError
-from revnm_client.escape import BACK_MPS, Escape, Surroundings, WayOut
-from revnm_client.geometry import FloatArray, Pose2
+from revnm_client.escape import BACK_MPS, LEAST_MPS, Escape, Surroundings
+from revnm_client.geometry import FloatArray
 from revnm_client.messages import STANDSTILL, Mounting, Odometry, Plan, Scan, Velocity
 from revnm_client.mppi import Mppi, MppiConfig, MppiInput
 from revnm_client.obstacle_memory import ObstacleMemory
@@ -125,7 +125,7 @@ class RobotAgent:
             self._memory.clear()
             self._watch.forget()
             self._seen.clear()
-            self._escape.reset()
+            self._escape.forget()
             self._plan = None
             self._scan_times = None
         self._odometry_times = Times(self._odometry.newest_ns, received_ns)
@@ -139,10 +139,10 @@ class RobotAgent:
         if pose is None:
             self._gate.refused["scan_without_odometry"] += 1
             return
+        scan = self._config.lidar.place(scan)
         self._scan_times = Times(scan.stamp_ns, received_ns)
         self._watch.look(scan, pose)
-        if not self._watch.stuck:
-            scan = self._config.lidar.place(scan)
+        if self._watch.trouble is None:
             self._memory.add(scan, pose)
             self._seen.add(scan, pose)
 
@@ -233,7 +233,7 @@ class RobotAgent:
             clock_known=self._offset_ns is not None,
             odometry=self._odometry_times,
             scan=self._scan_times,
-            scan_stuck=self._watch.stuck,
+            scan_trouble=self._watch.trouble,
             plan=plan,
         )
 
@@ -255,25 +255,23 @@ class RobotAgent:
             return Tick(STANDSTILL, ARRIVED, 0.0)
         points = self._memory.points_m(pose)
         now = self._odometry.velocity
-        stuck = self._way_out(now_ns, pose, path, points)
+        limit_mps = speed_limit_mps(self._seen.newest, self._config.mppi.max_v_mps, self._config.safety.braking)
+        if limit_mps < LEAST_MPS or math.hypot(*path[-1]) < _NEARLY_THERE_M:  # it stands, or is there, for a reason
+            self._escape.reset()
+            stuck = None
+        else:
+            around = Surroundings(pose, points, lambda places: self._seen.seen(places, pose))
+            stuck = self._escape.step(now_ns, around)
         if stuck is not None and stuck.velocity is not None:
             self._mppi.reset()
             verdict = self._supervisor.judge(stuck.velocity, now, points, least_v_mps=-BACK_MPS)
             return Tick(verdict.velocity, verdict.reason or stuck.reason, 0.0)
-        limit_mps = speed_limit_mps(self._seen.newest, self._config.mppi.max_v_mps, self._config.safety.braking)
         started_ns = self._stopwatch_ns()
         command = self._mppi.plan(MppiInput(path, points, now, limit_mps))
         mppi_ms = (self._stopwatch_ns() - started_ns) * 1e-6
         verdict = self._soften(command, now, points)
         reason = verdict.reason if stuck is None else stuck.reason
         return Tick(verdict.velocity, reason or (None if limit_mps else BLIND), mppi_ms)
-
-    def _way_out(self, now_ns: int, pose: Pose2, path_m: FloatArray, points_m: FloatArray) -> WayOut | None:
-        """Return what to do against being stuck; None where the robot is not."""
-        if math.hypot(*path_m[-1]) < _NEARLY_THERE_M:
-            self._escape.reset()
-            return None
-        return self._escape.step(now_ns, Surroundings(pose, points_m, lambda places: self._seen.seen(places, pose)))
 
     def _has_arrived(self, path_m: FloatArray) -> bool:
         near_m = self._config.leave_m if self._arrived else self._config.arrive_m

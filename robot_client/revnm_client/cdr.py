@@ -45,6 +45,7 @@ ODOM_FRAME = "odom"
 
 MAX_BEAMS = 20_000
 MAX_RANGE_M = 1_000.0
+LEAST_RANGE_M = 1e-3  # a driver may say 0 for the shortest range, and says 0 for masked beams: those are shorter
 MAX_WAYPOINTS = 64
 MAX_WAYPOINT_M = 50.0
 MAX_SPEED = 10.0
@@ -150,8 +151,7 @@ def decode_scan(payload: bytes) -> Scan:
     """Return the checked scan; its frame may have any name, its angles are taken as the robot's.
 
     Raises:
-        MessageError: It is malformed, a range is NaN or negative, the beams cover more than a turn, or every
-            range is below the shortest, as of a sensor that is covered or stands still: it sees nothing.
+        MessageError: It is malformed, a range is NaN or negative, or the beams cover more than a turn.
     """
     message = _decode(payload, _SCAN)
     return scan_from(message, _decode_stamp(message))
@@ -169,11 +169,9 @@ def scan_from(message: Any, stamp_ns: int) -> Scan:
     if increment == 0.0 or turn > 1.01 * math.tau:
         raise MessageError(f"{len(ranges_m)} beams {increment} rad apart: expected more than 0, at most a turn")
     range_max_m = validate.number(message.range_max, what="range_max", low=0.0, high=MAX_RANGE_M)
-    range_min_m = validate.number(message.range_min, what="range_min", low=0.0, high=range_max_m)
-    if range_min_m == range_max_m:
-        raise MessageError(f"range_min and range_max are both {range_max_m}: expected range_min < range_max")
-    if not (ranges_m >= range_min_m).any():
-        raise MessageError(f"all ranges are below range_min, {range_min_m} m: expected a sensor that sees something")
+    range_min_m = max(validate.number(message.range_min, what="range_min", low=0.0, high=range_max_m), LEAST_RANGE_M)
+    if range_min_m >= range_max_m:
+        raise MessageError(f"range_min is {range_min_m} and range_max {range_max_m}: expected range_min < range_max")
     return Scan(
         stamp_ns=stamp_ns,
         angle_min_rad=validate.number(message.angle_min, what="angle_min", low=-math.tau, high=math.tau),

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from revnm_client.braking import BrakingConfig, comes_too_near
+from revnm_client.braking import BrakingConfig, comes_too_near, stopping_poses
 from revnm_client.geometry import FloatArray, Pose2, wrap_angle
 from revnm_client.messages import Velocity
 from revnm_client.mppi.config import MppiConfig
@@ -27,19 +27,18 @@ BACK_MPS = 0.15
 _PATIENCE_NS = 5_000_000_000
 _MOST_TRIES = 3  # that are counted: patience of 40 s
 _CAN_TURN = 3  # times the patience with a robot that could turn: the controller may find a way round yet
-_LEAST_MPS, _TURNED_RAD = 0.02, 0.5  # who does less meanwhile does not get on: drifting and wobbling are less
+LEAST_MPS, _TURNED_RAD = 0.02, 0.5  # who does less meanwhile does not get on: drifting and wobbling are less
 _LEFT_M = 1.0  # so far from where the robot was stuck it has escaped
 _BACK_M = 0.3  # of the first try
-_PROBE_M = 0.1  # looked at behind the robot while it backs off: more than it takes to stop
+_PROBE_M = 0.1  # looked at behind the robot while it backs off, or more where it takes more to stop
+_PROBE_STEP_M = 0.05
 _STRIP_M = 0.08  # between two of the places that must have been seen
 _TURN_RADPS = 0.5
 _HEADINGS = 24
 _ROOM_M, _ENOUGH_M, _MORE_M = 0.5, 1.0, 0.3  # least room, more than is needed, and more than ahead by this
 _TURNED_TO_RAD = 0.1
-_BACK_NS, _TURN_NS = (
-    4_000_000_000,
-    15_000_000_000,
-)  # of the first try; a wheel that slips or a base that does not obey ends it
+_BACK_NS = 4_000_000_000  # of the first try: a wheel that slips, or a base that does not obey, ends it
+_TURN_NS = 15_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +96,13 @@ class Escape:
         """Take the limits of the robot, and how it stops."""
         self._braking = braking
         self._back = Velocity(-min(BACK_MPS, mppi.max_v_mps), 0.0)
+        stop_m = -float(stopping_poses(self._back, self._back, braking)[-1, 0])
+        self._probe_m = max(_PROBE_M, stop_m)
         self._turn_radps = min(_TURN_RADPS, mppi.max_w_radps)
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget everything: the odometry's frame began anew."""
         self._tries = 0
         self._stuck_at: Pose2 | None = None
         self.reset()
@@ -144,7 +149,7 @@ class Escape:
 
     def _got_on(self, before: Pose2, now: Pose2) -> bool:
         turned = abs(wrap_angle(now.yaw_rad - before.yaw_rad)) > _TURNED_RAD
-        return turned or _distance_m(before, now) > _LEAST_MPS * self._patience_ns * 1e-9
+        return turned or _distance_m(before, now) > LEAST_MPS * self._patience_ns * 1e-9
 
     def _find(self, now_ns: int, around: Surroundings) -> _Manoeuvre | None:
         pose = around.odom_from_robot
@@ -170,12 +175,13 @@ class Escape:
     def _may_back(self, around: Surroundings) -> bool:
         """Whether the next bit of floor behind the robot holds nothing, and has been seen to."""
         footprint, margin_m = self._braking.footprint, self._braking.margin_m
-        poses = np.zeros((3, 3))
-        poses[:, 0] = np.linspace(0.0, -_PROBE_M, 3)
+        steps = math.ceil(self._probe_m / _PROBE_STEP_M) + 1
+        poses = np.zeros((steps, 3))
+        poses[:, 0] = np.linspace(0.0, -self._probe_m, steps)
         if comes_too_near(poses, around.points_m, self._braking):
             return False
         half_m = footprint.width_m / 2.0 + margin_m
-        x = footprint.rear_x_m - np.linspace(0.0, _PROBE_M + margin_m, 3)
+        x = footprint.rear_x_m - np.linspace(0.0, self._probe_m + margin_m, steps)
         y = np.linspace(-half_m, half_m, math.ceil(2.0 * half_m / _STRIP_M) + 1)
         places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         return bool(around.seen(places).all())

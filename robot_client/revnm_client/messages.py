@@ -22,7 +22,7 @@ class Scan:
         stamp_ns: Time of the first beam, nanoseconds, clock of the sender.
         angle_min_rad: Angle of beam 0 in the LiDAR's frame, counter-clockwise from its forward.
         angle_increment_rad: Angle between beams; not 0.
-        range_min_m: Shortest range that the sensor reports.
+        range_min_m: Shortest range that the sensor reports, over 0.
         range_max_m: Longest range that the sensor reports.
         ranges_m: (N,) float32; a beam outside [range_min_m, range_max_m], inf included, has no return.
         robot_from_lidar: Where the LiDAR sits on the robot; no message tells it, the robot's settings do.
@@ -36,10 +36,19 @@ class Scan:
     ranges_m: NDArray[np.float32]
     robot_from_lidar: Pose2 = IDENTITY
 
+    @property
+    def sees(self) -> NDArray[np.bool_]:
+        """(N,): whether a beam sees anything, if only that nothing is in range; drivers report masked beams as 0."""
+        return self.ranges_m >= self.range_min_m  # False for what is no number
+
+    @property
+    def hits(self) -> NDArray[np.bool_]:
+        """(N,): whether a beam ended at something."""
+        return self.sees & (self.ranges_m < self.range_max_m)
+
     def points_m(self) -> FloatArray:
         """Return the hits (M, 2), M ≤ N, metres, in the robot frame."""
-        seen = (self.ranges_m >= self.range_min_m) & (self.ranges_m < self.range_max_m)
-        index = np.flatnonzero(seen)
+        index = np.flatnonzero(self.hits)
         angles = self.angle_min_rad + self.angle_increment_rad * index
         ranges = self.ranges_m[index].astype(np.float64)
         points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)  # (M, 2), the LiDAR's frame

@@ -61,7 +61,7 @@ def hidden(points_m: FloatArray, scan: Scan) -> NDArray[np.bool_]:
     from_lidar = scan.robot_from_lidar.inverse().apply(points_m)
     distance = np.hypot(from_lidar[:, 0], from_lidar[:, 1])
     beam, inside = beams_at(from_lidar, scan)
-    reach = np.where(scan.ranges_m >= scan.range_min_m, scan.ranges_m, 0.0)
+    reach = np.where(scan.sees, scan.ranges_m, 0.0)
     reach = np.minimum(reach, np.minimum(np.roll(reach, 1), np.roll(reach, -1)))
     unseen = ~inside | (distance > reach[beam] + _HIDDEN_M) | (distance < scan.range_min_m)
     return np.asarray(unseen & nearby)

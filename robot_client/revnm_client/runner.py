@@ -83,7 +83,7 @@ class RobotRunner:
         Args:
             settings: Which robot, what carries it, and where its server is.
             agent: Its brain.
-            on_tick: Is told after every tick why the robot stands, None while it drives; must neither block nor raise.
+            on_tick: Is told after every tick why the robot follows no plan, None while it does; must not block.
         """
         self.commanded: Velocity = STANDSTILL
         self.failures = 0
@@ -117,9 +117,7 @@ class RobotRunner:
         index = 0
         while not stop.is_set():
             begin_s = time.monotonic()
-            if begin_s - due_s > _STALL_S:
-                self._drop_unknown_age(ends, begin_s - due_s)
-            self._tick(ends)
+            self._tick(ends, late_s=begin_s - due_s)
             if index % self._settings.state_every == 0:
                 self._report(ends)
             index += 1
@@ -134,9 +132,11 @@ class RobotRunner:
         ends.driver.take_odometry()
         ends.server.plans.take()
 
-    def _tick(self, ends: _Ends) -> None:
+    def _tick(self, ends: _Ends, late_s: float) -> None:
         """Read, decide, send; whatever goes wrong, the base gets a velocity."""
         try:
+            if late_s > _STALL_S:
+                self._drop_unknown_age(ends, late_s)
             velocity, reason = self._decide(ends)
         except Exception as error:  # the outermost loop of this thread: counted, reported, and standstill
             self.failures += 1
@@ -165,7 +165,8 @@ class RobotRunner:
             _log.warning("the wall clock was set: the server's time is asked for anew")
             ends.server.probe.forget()
         reading = ends.server.probe.reading()
-        self._agent.set_trouble(ends.driver.trouble())
+        trouble = ends.driver.trouble()
+        self._agent.set_trouble(None if trouble is None else str(trouble))
         self._agent.set_clock_offset(reading.offset_ns, round_trip_ns=reading.round_trip_ns)
         self._read(ends, now_ns)
         tick = self._agent.tick(now_ns)

@@ -12,7 +12,6 @@ from revnm_client.braking import BrakingConfig, is_collision_course
 from revnm_client.geometry import FloatArray
 from revnm_client.messages import STANDSTILL, Velocity
 
-SCAN_STUCK = "scan is stuck: it shows the same while the robot moves"
 COLLISION_COURSE = "an obstacle lies within the stopping distance"
 BACKWARDS = "driving backwards is only for backing off"
 
@@ -62,7 +61,7 @@ class Situation:
         clock_known: The offset to the server's clock is known.
         odometry: Newest odometry; None before the first.
         scan: Newest scan.
-        scan_stuck: The LiDAR shows the same while the robot moves.
+        scan_trouble: Why it is not to be believed; None where it is.
         plan: Plan in force, by the capture of its picture.
     """
 
@@ -71,7 +70,7 @@ class Situation:
     clock_known: bool
     odometry: Times | None
     scan: Times | None
-    scan_stuck: bool
+    scan_trouble: str | None
     plan: Times | None
 
 
@@ -104,7 +103,7 @@ class Supervisor:
         return (
             self._stale("odometry", situation.odometry, config.max_odometry_age_s, now_ns)
             or self._stale("scan", situation.scan, config.max_scan_age_s, now_ns)
-            or (SCAN_STUCK if situation.scan_stuck else None)
+            or situation.scan_trouble
             or (None if situation.clock_known else "the clock offset to the server is unknown")
             or self._stale("plan", situation.plan, config.max_plan_age_s, now_ns)
         )

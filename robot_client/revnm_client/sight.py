@@ -42,7 +42,7 @@ def seen_ahead_m(scan: Scan, footprint: Footprint, stop_m: float) -> float:
     bearings = np.linspace(-half_rad, half_rad, 2 * math.ceil(half_rad / _BEARING_STEP_RAD) + 1)
     lane = far_m * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
     beam, inside = beams_at(scan.robot_from_lidar.inverse().apply(lane), scan)
-    blind = ~(inside & (scan.ranges_m[beam] >= scan.range_min_m))
+    blind = ~(inside & scan.sees[beam])
     edges = np.flatnonzero(np.diff(blind, prepend=False, append=False))  # begin and end of each blind sector
     if np.diff(edges)[::2].max(initial=0) * _BEARING_STEP_RAD > _DROPPED_RAD:
         return 0.0

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from revnm_client.agent import ARRIVED, BLIND, AgentConfig, RobotAgent
+from revnm_client.agent import ARRIVED, AgentConfig, RobotAgent
 from revnm_client.errors import ConfigError
 from revnm_client.escape import BACKING_OFF, NO_WAY_OUT, TURNING
 from revnm_client.geometry import FloatArray, Pose2
-from revnm_client.messages import STANDSTILL, Odometry, Plan, Scan, Velocity
+from revnm_client.messages import STANDSTILL, Mounting, Odometry, Plan, Scan, Velocity
 from revnm_client.mppi import Footprint, MppiConfig
 
 TICK_NS = 50_000_000
@@ -350,12 +350,12 @@ def test_turns_to_room_where_it_is_blind_behind() -> None:
     assert run.contacts == 0
 
 
-def test_stands_where_its_lidar_is_blind_ahead(driving: Drive) -> None:
+def test_stands_where_its_lidar_is_covered(driving: Drive) -> None:
     scan = driving._scan()
     driving.agent.on_scan(replace(scan, ranges_m=np.zeros_like(scan.ranges_m)), driving.now_ns)
     tick = driving.agent.tick(driving.now_ns)
-    assert tick.reason == BLIND
-    assert tick.velocity.v_mps < driving.velocity.v_mps - 0.05
+    assert tick.reason == "scan sees nothing: is the LiDAR covered, or does it not turn?"
+    assert tick.velocity == STANDSTILL
 
 
 def test_slides_round_a_pillar_on_the_straight_line() -> None:
@@ -448,6 +448,33 @@ def test_a_lidar_that_repeats_itself_stops_it_before_the_wall_and_it_goes_on(dri
     driving.step(guide)
     driving.step(guide)
     assert driving.run.reasons[-1] != "scan is stuck: it shows the same while the robot moves"
+
+
+def test_a_robot_that_is_blind_ahead_does_not_escape(driving: Drive) -> None:
+    see = driving._scan
+
+    def masked() -> Scan:
+        scan = see()
+        ahead = np.abs(driving._angles) < 0.7
+        return replace(scan, ranges_m=np.where(ahead, np.float32(0.0), scan.ranges_m))
+
+    driving._scan = masked  # type: ignore[method-assign]
+    for _ in range(400):
+        driving.step(straight_to(np.array([50.0, 0.0])))
+    assert set(driving.run.reasons[100:]) == {"the LiDAR is blind ahead"}
+    assert driving.velocity.v_mps == 0.0
+
+
+def test_a_lidar_that_says_zero_in_the_open_is_driven_with() -> None:
+    drive = Drive(Scene(), Pose2(0.0, 0.0, 0.0), config=MppiConfig(samples=100))
+    drive.agent = RobotAgent(
+        AgentConfig(robot="rover", mppi=MppiConfig(samples=100), lidar=Mounting(zero_is_open=True))
+    )
+    drive.agent.set_clock_offset(OFFSET_NS)
+    zeros = np.zeros(BEAMS, dtype=np.float32)
+    drive._scan = lambda: Scan(drive.now_ns, -math.pi, math.tau / BEAMS, 0.05, 12.0, zeros)  # type: ignore[method-assign]
+    drive.go(straight_to(np.array([50.0, 0.0])), 2.0)
+    assert drive.velocity.v_mps > 0.3
 
 
 def test_stop_latches_until_resume_and_a_new_plan(driving: Drive) -> None:

@@ -257,6 +257,13 @@ def test_a_robot_that_only_stands_is_left_alone(driver, robot, eventually):
     assert robot.velocities == []
 
 
+def test_a_robot_that_a_client_before_left_driving_is_stopped(context, robot, port, eventually):
+    robot.manual = True
+    with closing(open_driver("kachaka", {"address": f"127.0.0.1:{port}"}, context)):
+        eventually(lambda: robot.velocities == [(0.0, 0.0)])
+    assert robot.modes == []
+
+
 def test_it_stands_when_no_velocity_comes(driver, robot, eventually):
     driver.drive(Velocity(0.15, 0.0))
     eventually(lambda: robot.velocities[-1:] == [(0.0, 0.0)])

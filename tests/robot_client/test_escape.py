@@ -96,6 +96,25 @@ def test_does_not_back_onto_an_obstacle_or_unseen_floor() -> None:
         assert way is None or way.reason != BACKING_OFF
 
 
+def test_what_takes_longer_to_stop_looks_farther_behind() -> None:
+    # At 0.15 m/s after 1 s of delay and with 0.1 m/s² it comes to rest after 0.26 m.
+    slow = Escape(MppiConfig(), BrakingConfig(delay_s=1.0, braking_mps2=0.1))
+    asked: list[FloatArray] = []
+
+    def seen(places: FloatArray) -> np.ndarray:
+        asked.append(places)
+        return places[:, 0] > -0.215 - 0.2
+
+    now_ns = 0
+    while (way := slow.step(now_ns, Surroundings(HERE, NOTHING, seen))) is None:
+        now_ns += SECOND_NS
+    assert way.reason != BACKING_OFF
+    assert min(places[:, 0].min() for places in asked) < -0.215 - 0.26
+    wall = np.array([[-0.45, 0.0]])
+    assert not slow._may_back(around(points=wall))
+    assert Escape(MppiConfig(), BrakingConfig())._may_back(around(points=wall))
+
+
 def test_an_obstacle_ahead_that_is_too_near_does_not_hinder_backing_off() -> None:
     machine = escape()
     touching = around(points=np.array([[0.22, 0.0]]))

@@ -31,7 +31,7 @@ def situation(**changes: object) -> Situation:
         "clock_known": True,
         "odometry": ago(20),
         "scan": ago(50),
-        "scan_stuck": False,
+        "scan_trouble": None,
         "plan": ago(200),
     }
     return Situation(**{**good, **changes})  # type: ignore[arg-type]
@@ -50,7 +50,7 @@ def test_all_fresh_may_drive() -> None:
         ({"odometry": ago(400)}, "odometry is 0.4 s old"),
         ({"scan": None}, "no scan yet"),
         ({"scan": ago(310)}, "scan is 0.3 s old"),
-        ({"scan_stuck": True}, "scan is stuck: it shows the same while the robot moves"),
+        ({"scan_trouble": "scan sees nothing"}, "scan sees nothing"),
         ({"clock_known": False}, "the clock offset to the server is unknown"),
         ({"plan": None}, "no plan yet"),
         ({"plan": ago(900)}, "plan is 0.9 s old"),

@@ -77,10 +77,14 @@ def test_the_picture_is_drawn_to_the_character():
     [
         (View(ROBOT), "rover  its client is not heard yet"),
         (View(ROBOT, state=STATE, state_age_s=7.2), "rover  ITS CLIENT IS SILENT for 7 s"),
-        (View(ROBOT, state=STATE | {"reason": "no scan yet"}, state_age_s=0.1), "rover  STANDS: no scan yet"),
+        (View(ROBOT, state=STATE | {"reason": "no scan yet", "moving": False}, state_age_s=0.1),
+         "rover  STANDS: no scan yet"),
+        (View(ROBOT, state=STATE | {"reason": "stuck: backing off", "v_mps": -0.15, "w_radps": 0.0}, state_age_s=0.1),
+         "rover  stuck: backing off  -0.15 m/s +0.00 rad/s"),
         (View(ROBOT, state=STATE | {"v_mps": None, "plan_seq": "x", "goal_id": None}, state_age_s=0.1),
          "rover  DRIVES  - m/s +0.12 rad/s  plan - to -"),
-        (View(ROBOT, state=STATE | {"reason": "Ärger\u4e2d"}, state_age_s=0.1), "rover  STANDS: ?rger?"),
+        (View(ROBOT, state=STATE | {"reason": "Ärger\u4e2d", "moving": False}, state_age_s=0.1),
+         "rover  STANDS: ?rger?"),
     ],
 )  # fmt: skip
 def test_the_first_line_says_whether_it_drives(view, line):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.messages import Scan
+from revnm_client.obstacle_memory import beams_at
 
 _NARROWEST_DEG = 5
 
@@ -30,17 +30,10 @@ def blind_degrees(scans: Sequence[Scan]) -> NDArray[np.bool_]:
     That is so outside of the field of view and where ranges are below the shortest one, as of masked beams.
     """
     seen = np.zeros(360, dtype=bool)
-    bearings = np.radians(np.arange(-180, 180))
     for scan in scans:
-        step, count = abs(scan.angle_increment_rad), len(scan.ranges_m)
-        turn = (bearings - scan.robot_from_lidar.yaw_rad - scan.angle_min_rad) * math.copysign(
-            1.0, scan.angle_increment_rad
-        )
-        beam = np.rint(np.mod(turn, math.tau) / step).astype(np.int64)
-        if abs(count * step - math.tau) < 1.5 * step:
-            beam %= count
-        sees = scan.ranges_m >= scan.range_min_m
-        seen |= np.where(beam < count, sees[np.minimum(beam, count - 1)], False)
+        bearings = np.radians(np.arange(-180, 180)) - scan.robot_from_lidar.yaw_rad
+        beam, inside = beams_at(np.stack([np.cos(bearings), np.sin(bearings)], axis=1), scan)
+        seen |= inside & scan.sees[beam]
     return ~seen
 
 

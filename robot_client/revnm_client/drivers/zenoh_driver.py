@@ -19,7 +19,7 @@ class ZenohDriver(TopicDriver):
         Args:
             context: Robot and session.
             cmd_vel: ``twist`` or ``twist_stamped``: what the base listens to.
-            connect: Endpoints of a router on the robot, so that neither scan nor velocity crosses the network; empty
+            connect: Endpoints of a router on the robot, so that the control loop needs no network; empty
                 is the session to the server.
 
         Raises:

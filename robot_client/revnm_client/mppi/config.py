@@ -108,7 +108,7 @@ class MppiConfig:
         steps: T, steps of a rollout.
         dt_s: Duration of a step.
         period_s: Time between two ticks; at most ``dt_s``.
-        max_v_mps: Top speed; the robot never drives backwards.
+        max_v_mps: Top speed; the controller never drives backwards.
         max_w_radps: Top turning rate.
         max_a_mps2: Acceleration and braking.
         max_alpha_radps2: Angular acceleration and braking.

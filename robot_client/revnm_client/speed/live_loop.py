@@ -128,8 +128,8 @@ class _World:
     def watch(self, seconds: float, process: subprocess.Popen[bytes]) -> LoopCost:
         """Play, and count what comes and what it costs."""
         began_s, cpu_s, commands, ticks = time.monotonic(), _cpu_s(process.pid), 0, []
-        first_s = last_s = began_s
-        while last_s < began_s + seconds:
+        first_s = last_s = now_s = began_s
+        while now_s < began_s + seconds:
             came, state = self._play_step(process)
             now_s = time.monotonic()
             if came and not commands:

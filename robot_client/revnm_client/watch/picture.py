@@ -63,6 +63,8 @@ def _headline(view: View) -> str:
     speed = f"{_number(state, 'v_mps', '.2f')} m/s {_number(state, 'w_radps', '+.2f')} rad/s"
     if state.get("reason") is None:
         return f"{view.robot}  DRIVES  {speed}  plan {_number(state, 'plan_seq', 'd')} to {state.get('goal_id') or '-'}"
+    if state.get("moving"):
+        return f"{view.robot}  {state['reason']}  {speed}"
     return f"{view.robot}  STANDS: {state['reason']}"
 
 

@@ -14,7 +14,7 @@ try:
     import grpc
     from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 except ImportError as error:
-    raise ImportError(f"{error}: pip install 'revnm-client[kachaka]'") from error
+    raise ImportError(f"{error}: pip install './robot_client[kachaka]'") from error
 
 NOT_IN_MANUAL_MODE = 13151
 PORT = 26400

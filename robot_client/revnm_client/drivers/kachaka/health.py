@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 
 import grpc
 
 from revnm_client.drivers.kachaka.api import KachakaApi
+
+_log = logging.getLogger(__name__)
 
 _PERIOD_S = 1.0
 _DEADLINE_S = 0.3
@@ -38,6 +41,9 @@ class Health:
                 self._trouble = self._ask()
             except grpc.RpcError as error:
                 self._trouble = f"the robot does not answer: {error.code().name}"
+            except Exception as error:  # the outermost loop of this thread: the robot stands, and it goes on
+                self._trouble = f"the driver failed: {error!r:.200}"
+                _log.exception("cannot ask the robot how it is")
             self._stop.wait(_PERIOD_S)
 
     def _ask(self) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -10,6 +11,8 @@ from typing import Any, Generic, TypeVar
 import grpc
 
 from revnm_client.errors import MessageError
+
+_log = logging.getLogger(__name__)
 
 _DEADLINE_S = 0.5
 _PAUSE_FIRST_S = 0.05
@@ -79,7 +82,9 @@ class LongPoll(Generic[MeasurementT]):
     def _keep(self, response: Any, received_ns: int) -> None:
         try:
             measurement = self._read(response, received_ns)
-        except MessageError as error:
+        except Exception as error:  # malformed (MessageError), or worse: the thread goes on
+            if not isinstance(error, MessageError):
+                _log.exception("cannot read a measurement")
             self.rejected += 1
             self.last_error = f"{self._name}: {error}"
             return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import grpc
@@ -23,7 +24,7 @@ _LAST_TRIES = 3
 
 
 class Wheels:
-    """The newest velocity wins; where none comes for 0.25 s, standstill is sent.
+    """The newest velocity wins; where none comes for 0.25 s, standstill is sent, and at the very beginning.
 
     Manual control is asked for when the robot shall move for the first time. If a person or an app takes it away
     afterwards, it is theirs: nothing more is sent until the client is started anew.
@@ -51,21 +52,28 @@ class Wheels:
         return self._trouble
 
     def close(self) -> None:
-        """Send standstill and give manual control back; takes two seconds at most."""
+        """Send standstill and give manual control back; takes two or three seconds at most."""
         self._closing = True
         self._came.set()
         self._thread.join()
 
     def _run(self) -> None:
+        self._try(self._send, STANDSTILL)  # a client before this one may have ended while it drove
         while not self._closing:
             came = self._came.wait(_SILENCE_S)
             self._came.clear()
-            try:
-                self._obey(self._wanted if came else STANDSTILL)
-            except grpc.RpcError as error:
-                self._trouble = f"the robot does not take velocities: {error.code().name}"
+            self._try(self._obey, self._wanted if came else STANDSTILL)
         if self._may_hold:
             self._give_back()
+
+    def _try(self, send: Callable[[Velocity], object], velocity: Velocity) -> None:
+        try:
+            send(velocity)
+        except grpc.RpcError as error:
+            self._trouble = f"the robot does not take velocities: {error.code().name}"
+        except Exception as error:  # the outermost loop of this thread: the robot stands, and it goes on
+            self._trouble = f"the driver failed: {error!r:.200}"
+            _log.exception("cannot send a velocity")
 
     def _obey(self, velocity: Velocity) -> None:
         self._asked = self._asked or velocity != STANDSTILL
