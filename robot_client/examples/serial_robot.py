@@ -73,7 +73,7 @@ class SerialRobot:
                     message = parse(*line.split())
                     self._newest[type(message)] = message
                     line = b""
-            except serial.SerialException as error:
+            except OSError as error:  # serial.SerialException is one
                 self._gone = f"{port.port} is gone: {error}"
             except (ValueError, TypeError, MessageError) as error:
                 self.rejected, self.last_error, line = self.rejected + 1, f"{port.port}: {error}", b""

@@ -6,15 +6,19 @@ import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from revnm_client.errors import FileError
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
-KeyT = TypeVar("KeyT", bound="DataclassInstance")
-ResultT = TypeVar("ResultT", bound="DataclassInstance")
+class _Dataclass(Protocol):
+    """A dataclass, as :mod:`dataclasses` knows one."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+
+KeyT = TypeVar("KeyT", bound=_Dataclass)
+ResultT = TypeVar("ResultT", bound=_Dataclass)
 
 
 class Journal(Generic[KeyT, ResultT]):
