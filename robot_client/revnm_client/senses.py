@@ -1,4 +1,4 @@
-"""Scans and odometry for whoever only looks: nothing here can move a robot."""
+"""Scans and odometry, for whoever only looks and for drivers: nothing here can move a robot."""
 
 from __future__ import annotations
 
@@ -45,13 +45,19 @@ class Senses(Protocol):
 class KeySenses:
     """Scan and odometry as they lie on the network: a bridge's, or those that the robot's client sends on."""
 
-    def __init__(self, session: zenoh.Session, robot: str) -> None:
+    def __init__(self, session: zenoh.Session, *, scan: str, odometry: str) -> None:
+        """Subscribe to two keys."""
         with ExitStack() as stack:
-            scan = stack.enter_context(LatestSubscriber(session, keys.scan(robot)))
-            odometry = stack.enter_context(LatestSubscriber(session, keys.odom(robot)))
-            self._scans: Inbox[Scan] = Inbox(scan, cdr.decode_scan)
-            self._odometry: Inbox[Odometry] = Inbox(odometry, cdr.decode_odometry)
+            scans = stack.enter_context(LatestSubscriber(session, scan))
+            odometries = stack.enter_context(LatestSubscriber(session, odometry))
+            self._scans: Inbox[Scan] = Inbox(scans, cdr.decode_scan)
+            self._odometry: Inbox[Odometry] = Inbox(odometries, cdr.decode_odometry)
             self._stack = stack.pop_all()
+
+    @staticmethod
+    def of(session: zenoh.Session, robot: str) -> KeySenses:
+        """Hear what lies under the keys of :mod:`revnm_client.keys`."""
+        return KeySenses(session, scan=keys.scan(robot), odometry=keys.odom(robot))
 
     @property
     def rejected(self) -> int:

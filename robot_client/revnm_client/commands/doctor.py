@@ -95,7 +95,7 @@ def _senses(
     if session is None:
         return None
     if kind == "zenoh" or (server is not None and observe(None, server, _CLIENT_S).state is not None):
-        return stack.enter_context(closing(KeySenses(session, settings.robot)))
+        return stack.enter_context(closing(KeySenses.of(session, settings.robot)))
     try:
         driver = open_driver(kind, options, DriverContext(settings.robot, session))
     except LinkError as error:

@@ -50,7 +50,7 @@ def _show(settings: RobotSettings, stop: threading.Event) -> None:
     with ExitStack() as stack:
         server = stack.enter_context(open_client(settings.server, stop=stop))
         nearest = server if own_router is None else stack.enter_context(open_client(own_router, stop=stop))
-        senses = stack.enter_context(closing(KeySenses(nearest, settings.robot)))
+        senses = stack.enter_context(closing(KeySenses.of(nearest, settings.robot)))
         ears = stack.enter_context(ServerEars(server, settings.robot))
         screen = stack.enter_context(Screen(sys.stdout))
         keeper = ViewKeeper(settings.robot)

@@ -12,8 +12,9 @@ import zenoh
 from revnm_client import cdr
 from revnm_client.drivers.opening import DriverContext
 from revnm_client.errors import ConfigError, LinkError
-from revnm_client.link import Inbox, LatestSubscriber, control_publisher, open_client
-from revnm_client.messages import STANDSTILL, Odometry, Scan, Velocity
+from revnm_client.link import control_publisher, open_client
+from revnm_client.messages import STANDSTILL, Velocity
+from revnm_client.senses import KeySenses
 
 
 class TopicKeys(NamedTuple):
@@ -24,7 +25,7 @@ class TopicKeys(NamedTuple):
     velocity: str
 
 
-class TopicDriver:
+class TopicDriver(KeySenses):
     """Takes scans and odometry from two keys, and puts velocities to a third.
 
     Attributes:
@@ -50,30 +51,10 @@ class TopicDriver:
             if connect:
                 endpoints = (connect,) if isinstance(connect, str) else tuple(connect)
                 session = stack.enter_context(open_client(endpoints, stop=context.stop))
-            scan = stack.enter_context(LatestSubscriber(session, keys.scan))
-            odometry = stack.enter_context(LatestSubscriber(session, keys.odometry))
-            self._scans: Inbox[Scan] = Inbox(scan, cdr.decode_scan)
-            self._odometry: Inbox[Odometry] = Inbox(odometry, cdr.decode_odometry)
+            super().__init__(session, scan=keys.scan, odometry=keys.odometry)
+            stack.callback(super().close)
             self._velocity = stack.enter_context(control_publisher(session, keys.velocity))
-            self._stack = stack.pop_all()
-
-    @property
-    def rejected(self) -> int:
-        """Number of malformed scans and odometries."""
-        return self._scans.rejected + self._odometry.rejected
-
-    @property
-    def last_error(self) -> str:
-        """Why one of them was dropped last; empty when none was."""
-        return self._scans.last_error or self._odometry.last_error
-
-    def take_scan(self) -> Scan | None:
-        """Return the newest sound scan that was not taken yet, or None."""
-        return self._scans.take()
-
-    def take_odometry(self) -> Odometry | None:
-        """Return the newest sound odometry that was not taken yet, or None."""
-        return self._odometry.take()
+            self._opened = stack.pop_all()
 
     def drive(self, velocity: Velocity) -> None:
         """Publish a velocity.
@@ -89,13 +70,9 @@ class TopicDriver:
     def _put(self, velocity: Velocity) -> None:
         raise NotImplementedError
 
-    def trouble(self) -> str | None:
-        """Return None: a topic does not tell how its base is."""
-        return None
-
     def close(self) -> None:
         """Command standstill and unsubscribe."""
-        with self._stack:
+        with self._opened:
             self.drive(STANDSTILL)
 
 
