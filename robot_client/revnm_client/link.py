@@ -10,12 +10,13 @@ from __future__ import annotations
 import json
 import logging
 import threading
-from collections.abc import Callable, Sequence
-from typing import Generic, Self, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Generic, Self, TypeVar
 
 import zenoh
 from zenoh.handlers import Handler, RingChannel
 
+from revnm_client.credentials import Credentials
 from revnm_client.errors import ConfigError, LinkError, MessageError
 
 _log = logging.getLogger(__name__)
@@ -29,7 +30,7 @@ _RETRY_LONGEST_S = 0.5
 MessageT = TypeVar("MessageT")
 
 
-def _config(mode: str, *, listen: Sequence[str], connect: Sequence[str]) -> zenoh.Config:
+def _config(mode: str, *, listen: Sequence[str], connect: Sequence[str], security: Mapping[str, Any]) -> zenoh.Config:
     """Return the settings of both ends; each side notices a dead link by the other's lease."""
     retry = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
     settings = {
@@ -44,6 +45,7 @@ def _config(mode: str, *, listen: Sequence[str], connect: Sequence[str]) -> zeno
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
         "adminspace/enabled": False,
+        **security,
     }
     config = zenoh.Config()
     try:
@@ -60,35 +62,41 @@ def _reason(error: zenoh.ZError) -> str:
     return str(error).split(" at /", maxsplit=1)[0]
 
 
-def open_router(listen: Sequence[str]) -> zenoh.Session:
+def open_router(listen: Sequence[str], *, security: Mapping[str, Any] | None = None) -> zenoh.Session:
     """Open the session to which the others connect.
 
     Args:
         listen: Endpoints such as ``tcp/127.0.0.1:7447``.
+        security: Settings of Zenoh that say who may connect, and what they may do there; None: anybody, anything.
 
     Raises:
         ConfigError: An endpoint is malformed.
         LinkError: An endpoint is taken.
     """
     try:
-        return zenoh.open(_config("router", listen=listen, connect=[]))
+        return zenoh.open(_config("router", listen=listen, connect=[], security=security or {}))
     except zenoh.ZError as error:
         raise LinkError(f"cannot listen on {', '.join(listen)}: {_reason(error)}") from error
 
 
-def open_client(connect: Sequence[str], *, stop: threading.Event | None = None) -> zenoh.Session:
+def open_client(
+    connect: Sequence[str], *, credentials: Credentials | None = None, stop: threading.Event | None = None
+) -> zenoh.Session:
     """Open a session to a router; wait until there is one.
 
     Args:
         connect: Endpoints such as ``tcp/192.168.1.5:7447``; the first that answers is taken.
+        credentials: What the router asks for; None where it lets in everybody.
         stop: Set it from another thread or a signal handler to give up.
 
     Raises:
         ConfigError: An endpoint is malformed.
+        FileError: A file of the credentials cannot be read.
         LinkError: ``stop`` was set before a router answered.
     """
     stop = stop or threading.Event()
-    config = _config("client", listen=[], connect=connect)
+    security = credentials.zenoh_settings() if credentials is not None else {}
+    config = _config("client", listen=[], connect=connect, security=security)
     endpoints = ", ".join(connect)
     delay_s = _RETRY_FIRST_S
     attempt = 0
@@ -97,7 +105,8 @@ def open_client(connect: Sequence[str], *, stop: threading.Event | None = None) 
             session = zenoh.open(config)
         except zenoh.ZError as error:
             attempt += 1
-            _log.log(logging.WARNING if attempt == 1 else logging.DEBUG, "waiting for %s: %s", endpoints, error)
+            level = logging.WARNING if attempt == 1 else logging.DEBUG
+            _log.log(level, "waiting for %s: %s (revnm-robot doctor may say more)", endpoints, _reason(error))
             stop.wait(delay_s)
             delay_s = min(2.0 * delay_s, _RETRY_LONGEST_S)
         else:

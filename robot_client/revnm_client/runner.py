@@ -18,6 +18,7 @@ from revnm_client import keys
 from revnm_client.agent import RobotAgent
 from revnm_client.clock import ClockJump
 from revnm_client.control_messages import StopReply, StopRequest
+from revnm_client.credentials import Credentials
 from revnm_client.drivers import DriverContext, RobotDriver, open_driver
 from revnm_client.errors import MessageError
 from revnm_client.json_payload import Scalar
@@ -39,6 +40,7 @@ class RunnerSettings:
     Attributes:
         robot: Name of the robot in the keys.
         connect: Endpoints of the router, such as ``tcp/192.168.1.5:7447``.
+        credentials: What that router asks for.
         driver: What :func:`revnm_client.drivers.open_driver` opens.
         driver_options: Of the driver.
         period_s: Time between ticks.
@@ -47,6 +49,7 @@ class RunnerSettings:
 
     robot: str
     connect: tuple[str, ...]
+    credentials: Credentials = field(default_factory=Credentials)
     driver: str = "zenoh"
     driver_options: Mapping[str, Any] = field(default_factory=dict)
     period_s: float = 0.05
@@ -100,11 +103,12 @@ class RobotRunner:
 
         Raises:
             ConfigError: There is no such driver, or it takes other options.
+            FileError: A file of the credentials cannot be read.
             LinkError: ``stop`` was set before there was a connection, or the robot cannot be reached.
         """
         settings = self._settings
-        with open_client(settings.connect, stop=stop) as session:
-            context = DriverContext(settings.robot, session, stop)
+        with open_client(settings.connect, credentials=settings.credentials, stop=stop) as session:
+            context = DriverContext(settings.robot, session, stop, settings.credentials)
             with (
                 ServerLink(session, settings.robot) as server,
                 closing(open_driver(settings.driver, settings.driver_options, context)) as driver,

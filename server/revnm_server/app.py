@@ -6,14 +6,18 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
 
 import zenoh
 from threadpoolctl import threadpool_limits
 
 from revnm_client.link import open_router
+from revnm_server.access import router_security
 from revnm_server.assembly import build_map_pipeline, build_pipeline, load_models, plans_on_map
 from revnm_server.bundle import Bundle, DepthBundle, default_bundle_path
 from revnm_server.camera import open_camera
+from revnm_server.camera.url import ZenohCamera, parse_camera_url
 from revnm_server.http_server import listen, page_url, serving_http
 from revnm_server.map_pipeline import MapPipeline
 from revnm_server.mission import Mission
@@ -54,7 +58,7 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
     While it runs, linear algebra in this process uses one thread.
 
     Raises:
-        FileError: The bundle or the state file is malformed.
+        FileError: The bundle or the state file is malformed, or a certificate or the passwords cannot be used.
         ConfigError: The HTTP address is taken, or its certificate cannot be used.
         LinkError: A Zenoh endpoint is taken.
     """
@@ -63,10 +67,10 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         models = load_models(settings.perception, settings.depth)
         tags = open_tag_library(settings.perception.tag_library)
-        notes = _notes(models, settings.perception) + ([tags.note] if tags.note else [])
+        notes = _notes(models, settings.perception) + ([tags.note] if tags.note else []) + _certificate_notes(settings)
         mission = Mission(settings.robots, state_file=settings.state_file)
         listener = stack.enter_context(listen(settings.http))
-        session = stack.enter_context(open_router(settings.zenoh.listen))
+        session = stack.enter_context(open_router(settings.zenoh.listen, security=_security(settings)))
         camera = open_camera(settings.camera.url, session)
         stack.callback(camera.close)
         heard = HeardLog()
@@ -98,6 +102,12 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         yield RunningServer(page_url(settings.http, listener), service, session, answers)
 
 
+def _security(settings: Settings) -> dict[str, Any]:
+    camera = parse_camera_url(settings.camera.url)
+    cameras = [camera.name] if isinstance(camera, ZenohCamera) else []
+    return router_security(settings.zenoh, settings.robots, cameras)
+
+
 def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[str]:
     """Return what an operator should know of how the server was put together, and log it."""
     if isinstance(models, Bundle) or settings.planner == "bev":
@@ -105,6 +115,18 @@ def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[s
     note = f"the bundle lacks {', '.join(models.missing)}: robots are led by a search on the map (planner bev)"
     logger.warning(note)
     return [note]
+
+
+def _certificate_notes(settings: Settings) -> list[str]:
+    """Return which certificates end soon, and log it."""
+    if not settings.certificates:
+        return []
+    from revnm_server.pki import endings  # takes a tenth of a second
+
+    notes = [ending.text for ending in endings(settings.certificates, datetime.now(UTC))]
+    for note in notes:
+        logger.warning(note)
+    return notes
 
 
 def _pipeline(

@@ -17,6 +17,7 @@ _HELP = {
     "record": "switch a running server's record on and off, and mend records that were cut",
     "replay": "make the plans of a record again, and compare them",
     "bench": "measure what each stage of a tick takes",
+    "pki": "make certificates, so that robots and server know each other",
     "tag": "make a PDF of tags to print and cut out",
 }
 

@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from revnm_client.errors import ConfigError, FileError, LinkError
 from revnm_server.checked_file import file_sha256
-from revnm_server.settings.http import is_loopback
+from revnm_server.settings.address import is_loopback
 
 MAX_BYTES = 4 * 1024**3
 _MAX_REDIRECTS = 5

@@ -15,6 +15,7 @@ from revnm_client import cdr, keys
 from revnm_client.cli import main
 from revnm_client.clock_probe import ProbeReading
 from revnm_client.control_messages import TimeReply, decode_time_request, encode_state, encode_time_reply
+from revnm_client.credentials import Credentials
 from revnm_client.doctor import Observation, Received, Series, Verdict, examine, unreachable
 from revnm_client.doctor.blind_sectors import Sector, blind_degrees, sectors
 from revnm_client.geometry import Pose2
@@ -188,10 +189,10 @@ def test_a_gap_of_four_degrees_is_no_sector():
 
 
 def test_an_address_where_nothing_listens_is_told(endpoint):
-    assert unreachable([endpoint]).startswith(f"{endpoint}: nothing listens there")
-    assert "no machine is called no.such.invalid" in unreachable(["tcp/no.such.invalid:7447"])
-    assert unreachable(["udp/127.0.0.1:1"]) is None
-    assert unreachable(["tcp/127.0.0.1:99999"]) is not None
+    assert unreachable([endpoint], Credentials()).startswith(f"{endpoint}: nothing listens there")
+    assert "no machine is called no.such.invalid" in unreachable(["tcp/no.such.invalid:7447"], Credentials())
+    assert unreachable(["udp/127.0.0.1:1"], Credentials()) is None
+    assert unreachable(["tcp/127.0.0.1:99999"], Credentials()) is not None
 
 
 @contextmanager

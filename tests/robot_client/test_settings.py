@@ -206,7 +206,7 @@ def test_a_problem_names_the_variable_or_the_option(monkeypatch):
     monkeypatch.setenv("REVNM_ROBOT__LIMIT", "1")
     assert problems(GOOD, server=["junk"]) == [
         "REVNM_ROBOT__LIMIT: limit: unknown key: expected one of braking, driver, footprint, lidar, limits, log, "
-        "profile, robot, safety, server; did you mean limits?",
+        "profile, robot, safety, security, server; did you mean limits?",
         "--connect: server[0]: 'junk': expected tcp/HOST:PORT or the like, such as tcp/192.168.1.5:7447",
         "REVNM_ROBOT__LIMITS__MAX_V_MPS: limits.max_v_mps: 3: expected 0.05 to 2.0",
     ]
@@ -268,7 +268,8 @@ def test_the_guides_twelve_lines_are_right():
 
 def test_the_guide_has_every_key_and_every_profile():
     text = GUIDE.read_text()
-    sections = [ROOT.fields[name].fields for name in ("limits", "footprint", "lidar", "braking", "safety")]
+    names = ("security", "limits", "footprint", "lidar", "braking", "safety", "log")
+    sections = [ROOT.fields[name].fields for name in names]
     assert [key for fields in sections for key in fields if key not in text] == []
     assert [name for name in PROFILES if name not in text] == []
 

@@ -156,3 +156,43 @@ def test_a_wrong_value_for_the_map_planner_names_its_place(config: Path, section
     with pytest.raises(ConfigError) as caught:
         load_settings(config)
     assert f"{config}:2: {section}.{key}: " in str(caught.value)
+
+
+@pytest.mark.parametrize("listen", ["tcp/0.0.0.0:7447", "tcp/[::]:7447", "tcp/edge.local:7447", "tcp/192.168.1.5:7447"])
+def test_an_endpoint_that_others_reach_needs_credentials_or_plain_words(listen: str) -> None:
+    with pytest.raises(ConfigError, match="insecure-zenoh"):
+        load_settings(overrides={"zenoh": {"listen": ["tcp/127.0.0.1:7447", listen]}})
+    for said in ({"insecure": True}, {"passwords": "passwords.txt"}):
+        assert load_settings(overrides={"zenoh": {"listen": [listen], **said}}).zenoh.listen == (listen,)
+
+
+@pytest.mark.parametrize("listen", ["tcp/127.0.0.1:7447", "tcp/localhost:7447", "tcp/[::1]:0", "unixsock-stream/a"])
+def test_an_endpoint_that_only_this_machine_reaches_needs_nothing(listen: str) -> None:
+    assert load_settings(overrides={"zenoh": {"listen": [listen]}}).zenoh.listen == (listen,)
+
+
+TLS = {"listen": ["tls/0.0.0.0:7447"], "certificate": "c.pem", "key": "c.key"}
+
+
+@pytest.mark.parametrize(
+    ("zenoh", "said"),
+    [
+        (TLS, "insecure-zenoh"),  # encrypted, and open to all
+        (TLS | {"authority": "a.pem", "key": None}, "certificate and key: expected both"),
+        ({"authority": "a.pem"}, "authority needs the server's certificate"),
+        (TLS | {"authority": "a.pem", "listen": ["tcp/0.0.0.0:1"]}, "expected tls/HOST:PORT with a certificate"),
+        ({"listen": ["tls/127.0.0.1:1"]}, "expected tls/HOST:PORT with a certificate, and only with one"),
+        (TLS | {"authority": "a.pem", "passwords": "p.txt"}, "expected one of them"),
+        (TLS | {"authority": "a.pem", "insecure": True}, "insecure: expected without"),
+    ],
+)
+def test_zenoh_settings_that_contradict_themselves_are_refused(zenoh: dict[str, object], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        load_settings(overrides={"zenoh": zenoh})
+
+
+def test_the_certificates_are_those_of_page_and_router() -> None:
+    zenoh = TLS | {"authority": "a.pem"}
+    settings = load_settings(overrides={"zenoh": zenoh, "http": {"certificate": "h.pem", "key": "h.key"}})
+    assert settings.certificates == [Path("c.pem"), Path("a.pem"), Path("h.pem")]
+    assert load_settings().certificates == []

@@ -40,68 +40,80 @@ def run(options: argparse.Namespace) -> int:
     settings = settings_of(options)
     start_log(LogSettings(level="error"))
     with ExitStack() as stack:
-        findings: list[Finding] = []
-        session = _reached("server", settings.server, findings, stack)
-        server = None if session is None else _server(session, settings.robot, stack)
-        senses = _senses(settings, session, server, findings, stack)
+        visit = _Visit(settings, stack)
+        server = visit.server()
+        senses = visit.senses(server)
         if server is not None or senses is not None:
-            findings += examine(observe(senses, server, options.seconds), settings)
-    _print(findings)
-    return SICK if any(each.verdict is Verdict.FAULT for each in findings) else 0
+            visit.findings += examine(observe(senses, server, options.seconds), settings)
+    _print(visit.findings)
+    return SICK if any(each.verdict is Verdict.FAULT for each in visit.findings) else 0
 
 
-def _reached(
-    subject: str, endpoints: tuple[str, ...], findings: list[Finding], stack: ExitStack
-) -> zenoh.Session | None:
-    """Return a session, or None where nobody answers in three seconds; say so among the findings."""
-    stop = threading.Event()
-    timer = threading.Timer(_OPEN_S, stop.set)
-    timer.daemon = True
-    try:
-        problem = unreachable(endpoints)
-        if problem is not None:
-            raise LinkError(problem)
-        timer.start()
-        session = stack.enter_context(open_client(endpoints, stop=stop))
-    except LinkError as error:
-        findings.append(Finding(Verdict.FAULT, subject, str(error)))
-        return None
-    finally:
-        timer.cancel()
-    findings.append(Finding(Verdict.OK, subject, f"reached at {', '.join(endpoints)}"))
-    return session
+class _Visit:
+    """Goes to the server and to the robot's own router, and notes whether they answer.
 
-
-def _server(session: zenoh.Session, robot: str, stack: ExitStack) -> Server:
-    ears, probe = ServerEars(session, robot), ClockProbe(session, robot)
-    return Server(stack.enter_context(ears), stack.enter_context(probe))
-
-
-def _senses(
-    settings: RobotSettings,
-    session: zenoh.Session | None,
-    server: Server | None,
-    findings: list[Finding],
-    stack: ExitStack,
-) -> Senses | None:
-    """Return what sees by the robot's LiDAR; None where that cannot be reached.
-
-    A bridge's keys are only listened to. Another driver is opened, unless a client runs that has it open and sends on
-    what it says.
+    Attributes:
+        findings: What was found so far.
     """
-    kind, options = settings.driver.kind, settings.driver.options
-    if kind == "zenoh" and "connect" in options:
-        session = _reached("robot's router", options["connect"], findings, stack)
-    if session is None:
-        return None
-    if kind == "zenoh" or (server is not None and observe(None, server, _CLIENT_S).state is not None):
-        return stack.enter_context(closing(KeySenses.of(session, settings.robot)))
-    try:
-        driver = open_driver(kind, options, DriverContext(settings.robot, session))
-    except LinkError as error:
-        findings.append(Finding(Verdict.FAULT, f"driver {kind}", str(error)))
-        return None
-    return stack.enter_context(closing(driver))
+
+    def __init__(self, settings: RobotSettings, stack: ExitStack) -> None:
+        """Prepare; what is opened is closed with ``stack``.
+
+        Raises:
+            FileError: The robot's password cannot be read.
+        """
+        self.findings: list[Finding] = []
+        self._settings, self._stack = settings, stack
+        self._credentials = settings.security.credentials(settings.robot)
+        self._session = self._reached("server", settings.server)
+
+    def server(self) -> Server | None:
+        """Return what hears the server; None where it cannot be reached."""
+        if self._session is None:
+            return None
+        session, robot = self._session, self._settings.robot
+        enter = self._stack.enter_context
+        return Server(enter(ServerEars(session, robot)), enter(ClockProbe(session, robot)))
+
+    def senses(self, server: Server | None) -> Senses | None:
+        """Return what sees by the robot's LiDAR; None where that cannot be reached.
+
+        A bridge's keys are only listened to. Another driver is opened, unless a client runs that has it open and sends
+        on what it says.
+        """
+        kind, options = self._settings.driver.kind, self._settings.driver.options
+        robot, session = self._settings.robot, self._session
+        if kind == "zenoh" and "connect" in options:
+            session = self._reached("robot's router", options["connect"])
+        if session is None:
+            return None
+        if kind == "zenoh" or (server is not None and observe(None, server, _CLIENT_S).state is not None):
+            return self._stack.enter_context(closing(KeySenses.of(session, robot)))
+        context = DriverContext(robot, session, credentials=self._credentials)
+        try:
+            return self._stack.enter_context(closing(open_driver(kind, options, context)))
+        except LinkError as error:
+            self.findings.append(Finding(Verdict.FAULT, f"driver {kind}", str(error)))
+            return None
+
+    def _reached(self, subject: str, endpoints: tuple[str, ...]) -> zenoh.Session | None:
+        """Return a session, or None where nobody answers in three seconds; say so among the findings."""
+        stop = threading.Event()
+        timer = threading.Timer(_OPEN_S, stop.set)
+        timer.daemon = True
+        try:
+            problem = unreachable(endpoints, self._credentials)
+            if problem is not None:
+                raise LinkError(problem)
+            timer.start()
+            session = open_client(endpoints, credentials=self._credentials, stop=stop)
+        except LinkError as error:
+            self.findings.append(Finding(Verdict.FAULT, subject, str(error)))
+            return None
+        finally:
+            timer.cancel()
+        self.findings.append(Finding(Verdict.OK, subject, f"reached at {', '.join(endpoints)}"))
+        return self._stack.enter_context(session)
 
 
 def _print(findings: list[Finding]) -> None:

@@ -7,6 +7,8 @@ import sys
 import threading
 from contextlib import ExitStack, closing
 
+import zenoh
+
 from revnm_client.commands.setting_options import add_setting_options, settings_of
 from revnm_client.commands.signals import stop_on_signals
 from revnm_client.errors import ConfigError, LinkError
@@ -48,8 +50,13 @@ def run(options: argparse.Namespace) -> int:
 def _show(settings: RobotSettings, stop: threading.Event) -> None:
     own_router = settings.driver.options.get("connect") if settings.driver.kind == "zenoh" else None
     with ExitStack() as stack:
-        server = stack.enter_context(open_client(settings.server, stop=stop))
-        nearest = server if own_router is None else stack.enter_context(open_client(own_router, stop=stop))
+        credentials = settings.security.credentials(settings.robot)
+
+        def opened(endpoints: tuple[str, ...]) -> zenoh.Session:
+            return stack.enter_context(open_client(endpoints, credentials=credentials, stop=stop))
+
+        server = opened(settings.server)
+        nearest = server if own_router is None else opened(own_router)
         senses = stack.enter_context(closing(KeySenses.of(nearest, settings.robot)))
         ears = stack.enter_context(ServerEars(server, settings.robot))
         screen = stack.enter_context(Screen(sys.stdout))

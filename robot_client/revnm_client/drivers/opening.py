@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import zenoh
 
+from revnm_client.credentials import Credentials
 from revnm_client.drivers.port import RobotDriver
 from revnm_client.errors import ConfigError
 
@@ -29,11 +30,13 @@ class DriverContext:
         robot: Name of the robot in the keys.
         session: The session to the server.
         stop: Set when the client is told to stop: a driver that waits for its robot gives up.
+        credentials: What a router on the robot may ask for; that of a bridge that logs in itself does.
     """
 
     robot: str
     session: zenoh.Session
     stop: threading.Event = field(default_factory=threading.Event)
+    credentials: Credentials = field(default_factory=Credentials)
 
 
 def open_driver(kind: str, options: Mapping[str, Any], context: DriverContext) -> RobotDriver:

@@ -50,7 +50,8 @@ class TopicDriver(KeySenses):
             session = context.session
             if connect:
                 endpoints = (connect,) if isinstance(connect, str) else tuple(connect)
-                session = stack.enter_context(open_client(endpoints, stop=context.stop))
+                session = open_client(endpoints, credentials=context.credentials, stop=context.stop)
+                stack.enter_context(session)
             super().__init__(session, scan=keys.scan, odometry=keys.odometry)
             stack.callback(super().close)
             self._velocity = stack.enter_context(control_publisher(session, keys.velocity))

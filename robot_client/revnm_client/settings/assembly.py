@@ -14,10 +14,15 @@ _FIELD_MARGIN_M = 0.22
 
 
 def runner_settings(settings: RobotSettings) -> RunnerSettings:
-    """Return the settings of the control loop."""
+    """Return the settings of the control loop.
+
+    Raises:
+        FileError: The robot's password cannot be read.
+    """
     return RunnerSettings(
         robot=settings.robot,
         connect=settings.server,
+        credentials=settings.security.credentials(settings.robot),
         driver=settings.driver.kind,
         driver_options=settings.driver.options,
     )

@@ -30,6 +30,7 @@ _NAME = Text(r"[A-Za-z0-9_-]{1,32}", "1 to 32 of A-Z a-z 0-9 _ -, as the server 
 _ENDPOINT = Text(r"[a-z][a-z0-9_-]*/\S+", "tcp/HOST:PORT or the like, such as tcp/192.168.1.5:7447")
 _HOST_PORT = Text(r"[A-Za-z0-9._-]+(:[0-9]{1,5})?", "HOST or HOST:PORT, such as 192.168.1.20:26400")
 _TOPIC = Text(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*/?", "a name of ROS 2 such as scan or front/scan")
+_FILE = Text(r"[^\0]+", "the path of a file")
 _COMMAND = Choice(("twist", "twist_stamped"))
 
 DRIVERS: dict[str, Section] = {
@@ -77,6 +78,7 @@ class Driver:
         return {"anyOf": [*shapes, {**foreign, "required": ["kind"]}]}
 
 
+SECURITY = Section({"authority": _FILE, "certificate": _FILE, "key": _FILE, "password_file": _FILE})
 LIMITS = Section(
     {
         "max_v_mps": Number(0.05, 2.0),
@@ -114,6 +116,7 @@ LOG = Section({"level": Choice(("debug", "info", "warning", "error")), "format":
 _FIELDS: dict[str, Kind] = {
     "robot": _NAME,
     "server": OneOrMore(_ENDPOINT),
+    "security": SECURITY,
     "profile": Choice((*PROFILES, CUSTOM)),
     "driver": Driver(),
     "limits": LIMITS,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from revnm_client.errors import ConfigError, FileError
+from revnm_client.settings.coherence import contradictions
 from revnm_client.settings.document import Place, YamlDocument, dotted
 from revnm_client.settings.layout import CUSTOM, NEEDED_BY_CUSTOM, ROOT
 from revnm_client.settings.profiles import CAUTIOUS, PROFILES
@@ -20,6 +21,7 @@ from revnm_client.settings.root import (
     LogSettings,
     RobotSettings,
     SafetySettings,
+    SecuritySettings,
 )
 
 _PREFIX = "REVNM_ROBOT__"
@@ -90,11 +92,8 @@ def load_settings(config: Path | None, *, options: Mapping[str, Any] | None = No
     for key, value in (options or {}).items():
         layers.lay(_OPTIONS[key], (key,), value)
     settings = _settings(_checked(layers))
-    outline = settings.footprint
-    if abs(outline.center_x_m) > outline.length_m / 2.0:
-        place = ("footprint", "center_x_m")
-        problem = f"{outline.center_x_m}: expected at most half of length_m, {outline.length_m / 2.0:g}"
-        raise BadSettingsError([f"{layers.where(place)}{dotted(place)}: {problem}"])
+    if problems := list(contradictions(settings)):
+        raise BadSettingsError(_told(problems, layers))
     return settings
 
 
@@ -121,8 +120,13 @@ def _checked(layers: _Layers) -> dict[str, Any]:
             if key not in layers.data.get(section, {}):
                 note((section, key), "is missing: profile custom knows no robot's")
     if problems:
-        raise BadSettingsError([f"{layers.where(place)}{dotted(place)}: {text}" for place, text in problems])
+        raise BadSettingsError(_told(problems, layers))
     return given
+
+
+def _told(problems: list[tuple[Place, str]], layers: _Layers) -> list[str]:
+    """Return problems as lines that say where each stands."""
+    return [f"{layers.where(place)}{dotted(place)}: {text}" for place, text in problems]
 
 
 def _settings(given: dict[str, Any]) -> RobotSettings:
@@ -136,6 +140,7 @@ def _settings(given: dict[str, Any]) -> RobotSettings:
     return RobotSettings(
         robot=given["robot"],
         server=given["server"],
+        security=SecuritySettings(**{key: Path(path) for key, path in section("security").items()}),
         profile=given["profile"],
         driver=DriverSettings(kind=driver.pop("kind", "zenoh"), options=driver),
         limits=Limits(**section("limits")),

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
+from revnm_client.credentials import Credentials, read_password
 from revnm_client.geometry import Pose2
 from revnm_client.messages import Mounting
 
@@ -89,12 +91,39 @@ class LogSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class SecuritySettings:
+    """By what the robot knows its server, and how it shows who it is.
+
+    Attributes:
+        authority: PEM file of the authority whose servers are trusted; for ``tls/`` endpoints.
+        certificate: PEM file with the robot's name, and ``key``.
+        key: PEM file, private.
+        password_file: Holds the password with which the robot logs in, by its name, where it has no certificate.
+    """
+
+    authority: Path | None = None
+    certificate: Path | None = None
+    key: Path | None = None
+    password_file: Path | None = None
+
+    def credentials(self, robot: str) -> Credentials:
+        """Return what is shown to the server.
+
+        Raises:
+            FileError: The password cannot be read.
+        """
+        password = None if self.password_file is None else read_password(self.password_file)
+        return Credentials(self.authority, self.certificate, self.key, user=robot, password=password)
+
+
+@dataclass(frozen=True, slots=True)
 class RobotSettings:
     """Everything that can be set.
 
     Attributes:
         robot: Name, as the server knows it.
         server: Endpoints of the server's router; the first that answers is taken.
+        security: By what the robot knows its server, and how it shows who it is.
         profile: The kind of robot that gave what was not set.
         driver: What carries scans, odometry and velocities.
         limits: What is asked of the base at most.
@@ -107,6 +136,7 @@ class RobotSettings:
 
     robot: str
     server: tuple[str, ...]
+    security: SecuritySettings
     profile: str
     driver: DriverSettings
     limits: Limits
@@ -118,7 +148,9 @@ class RobotSettings:
 
     def as_yaml(self) -> str:
         """Return a settings file that says everything that is in effect, a section a line."""
-        sections = {**asdict(self), "driver": {"kind": self.driver.kind, **self.driver.options}}
+        security = {key: str(path) for key, path in asdict(self.security).items() if path is not None}
+        driver = {"kind": self.driver.kind, **self.driver.options}
+        sections = {**asdict(self), "security": security, "driver": driver}
         return "".join(f"{key}: {_flow(value)}\n" for key, value in sections.items())
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 import threading
+from datetime import UTC, datetime
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -42,6 +43,7 @@ def run(options: argparse.Namespace) -> int:
 
     load_models(settings.perception, settings.depth)
     findings = [Finding(Verdict.GOOD, "models", "all files are there and as their manifest says")]
+    findings += _certificates(settings)
     view = _running_view(settings.http)
     if view is None:
         print(
@@ -51,6 +53,16 @@ def run(options: argparse.Namespace) -> int:
     findings += examine(view, tags=settings.robots, tick_hz=settings.perception.tick_hz)
     _print(findings)
     return SICK if any(each.verdict is Verdict.FAULT for each in findings) else 0
+
+
+def _certificates(settings: Settings) -> list[Finding]:
+    from revnm_server.pki import endings
+
+    found = list(endings(settings.certificates, datetime.now(UTC)))
+    if settings.certificates and not found:
+        return [Finding(Verdict.GOOD, "certificates", "none ends within a month")]
+    verdicts = {True: Verdict.FAULT, False: Verdict.WARNING}
+    return [Finding(verdicts[each.over], "certificates", each.text) for each in found]
 
 
 def _print(findings: list[Finding]) -> None:

@@ -20,6 +20,7 @@ def add_setting_options(parser: argparse.ArgumentParser) -> None:
         help="rtsp://…, v4l2:///dev/video0, file:///…?loop=1 or zenoh://NAME (zenoh://camera)",
     )
     add("--listen", action="append", metavar="ENDPOINT", help="Zenoh endpoint (tcp/127.0.0.1:7447)")
+    add("--insecure-zenoh", action="store_true", help="let anyone who reaches the Zenoh endpoint command the robots")
     add("--http", metavar="HOST:PORT", help="address of page and API (127.0.0.1:8000)")
     add("--insecure-http", action="store_true", help="let anyone who reaches the HTTP address drive the robots")
     add("--robot", action="append", metavar="NAME=TAG", help="a robot and the id of its AprilTag (rover=0)")
@@ -46,6 +47,8 @@ def _overrides(options: argparse.Namespace) -> dict[str, Any]:
         overrides["camera"] = {"url": options.camera}
     if options.listen:
         overrides["zenoh"] = {"listen": options.listen}
+    if options.insecure_zenoh:
+        overrides.setdefault("zenoh", {})["insecure"] = True
     if options.http is not None:
         overrides["http"] = _address(options.http)
     if options.insecure_http:

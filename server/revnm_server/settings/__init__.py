@@ -4,9 +4,10 @@ Each component is given its own section, never the whole. Unknown keys are error
 key.
 """
 
+from revnm_server.settings.address import is_loopback
 from revnm_server.settings.camera import CameraSettings
 from revnm_server.settings.depth import DepthSettings
-from revnm_server.settings.http import HttpSettings, is_loopback
+from revnm_server.settings.http import HttpSettings
 from revnm_server.settings.loading import BadSettingsError, load_settings
 from revnm_server.settings.logs import LogSettings
 from revnm_server.settings.perception import PerceptionSettings

@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-import ipaddress
 from pathlib import Path
 from typing import Annotated
 
 import pydantic
 
+from revnm_server.settings.address import is_loopback
 from revnm_server.settings.section import Section
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether a host's name or address means this machine and nothing else; rubbish does not."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
 
 Token = Annotated[pydantic.SecretStr, pydantic.Field(min_length=16, max_length=256)]
 

@@ -49,3 +49,9 @@ class Settings(BaseSettings):
         if not robots or len(set(robots.values())) != len(robots):
             raise ValueError("expected at least one robot, each with a tag of its own")
         return robots
+
+    @property
+    def certificates(self) -> list[Path]:
+        """Files of the certificates that the server shows, or by which it knows robots."""
+        paths = (self.zenoh.certificate, self.zenoh.authority, self.http.certificate)
+        return [path for path in paths if path is not None]
