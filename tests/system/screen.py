@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
 from tests.server.waiting import eventually
 
-from .stage import SCENARIO
+from .hall import SCENARIO
 
 DESKTOP, PHONE, PHONE_ON_ITS_SIDE = (1280, 800), (390, 844), (844, 390)
 _FLAGS = [

@@ -19,9 +19,10 @@ from revnm_client.link import LatestSubscriber, open_client
 from revnm_client.messages import CompressedImage, Velocity
 from revnm_server.mission import Mission
 
+from .hall import CAMERA, ROBOT
 from .process import Process
 from .speed_gauge import SpeedGauge
-from .stage import CAMERA, ROBOT, Stage, stage
+from .stage import Stage, stage
 
 GARBAGE = (
     b"",
@@ -50,13 +51,13 @@ BAD_GOALS = (
 
 def refuses_bad_goals(system: Stage) -> None:
     """Set goals that are none; each is a problem document, and goal and epoch stay."""
-    before = system.rover()
+    before = system.server.rover()
     for path, body, status in BAD_GOALS:
-        answer = system.call("PUT", path, content=body, headers=JSON)
+        answer = system.server.call("PUT", path, content=body, headers=JSON)
         assert answer.status_code == status, (body[:40], answer.text)
         assert answer.headers["content-type"] == "application/problem+json"
         assert answer.json()["status"] == status
-    after = system.rover()
+    after = system.server.rover()
     assert (after["goal"], after["epoch"]) == (before["goal"], before["epoch"])
 
 
@@ -88,11 +89,11 @@ class Heckler:
 
     def told(self, key: str) -> Callable[[], int]:
         """Return what reads the server's count for a key."""
-        return lambda: int(self._system.state()["rejected"][key])
+        return lambda: int(self._system.server.state()["rejected"][key])
 
     def robot_told(self) -> int:
         """What the robot says it dropped."""
-        return int(self._system.rover()["robot_state"]["malformed"])
+        return int(self._system.server.rover()["robot_state"]["malformed"])
 
 
 @pytest.fixture
@@ -127,33 +128,33 @@ def test_an_altered_model_keeps_the_server_from_starting(bundle: Path) -> None:
 
 def lacks_only_a_plan(system: Stage) -> dict[str, Any] | None:
     """Return what the server knows of the robot once the robot says that it has everything but a plan."""
-    rover = system.rover()
+    rover = system.server.rover()
     return rover if rover["robot_state"] and rover["robot_state"]["reason"] == "no plan yet" else None
 
 
 def test_without_a_camera_the_robot_gets_no_plan_and_everybody_is_told_why(tmp_path: Path) -> None:
     mission = Mission([ROBOT], state_file=tmp_path / "state.json")
     mission.set_goal(ROBOT, 600, 100, size_px=(640, 480))  # of a server that ran before
-    with stage(tmp_path, camera="elsewhere") as system, open_client([system.endpoint]) as session:
+    with stage(tmp_path, camera="elsewhere") as system, open_client([system.server.listen]) as session:
         with LatestSubscriber(session, keys.waypoints(ROBOT)) as plans:
             rover = eventually(lambda: lacks_only_a_plan(system), within_s=20.0)
             assert not rover["robot_state"]["moving"]
             assert rover["goal"] is not None
             assert (rover["status"], rover["reason"]) == ("waiting", "camera init: no picture yet")
-            readiness = system.call("GET", "/readyz")
+            readiness = system.server.call("GET", "/readyz")
             assert readiness.status_code == 503
             assert readiness.json()["reasons"] == ["camera init: no picture yet"]
-            assert system.set_goal().status_code == 409
-            assert system.rover()["goal"] == rover["goal"]
+            assert system.server.set_goal().status_code == 409
+            assert system.server.rover()["goal"] == rover["goal"]
             assert (rover["seq"], plans.take()) == (0, None)
         assert system.simulation.path_m < 0.01
 
 
 def test_a_drive_among_garbage_ends_at_its_goal(tmp_path: Path) -> None:
-    with stage(tmp_path) as system, open_client([system.endpoint]) as session:
+    with stage(tmp_path) as system, open_client([system.server.listen]) as session:
         gauge = SpeedGauge(system.simulation)
-        eventually(system.ready, within_s=20.0)
-        assert system.set_goal().status_code == 200
+        eventually(system.server.ready, within_s=20.0)
+        assert system.server.set_goal().status_code == 200
         gauge.wait_faster(0.2, within_s=10.0)
 
         refuses_bad_goals(system)
@@ -169,7 +170,7 @@ def test_a_drive_among_garbage_ends_at_its_goal(tmp_path: Path) -> None:
         heckler.ask(keys.stop(ROBOT))
         eventually(lambda: heckler.robot_told() >= before + len(GARBAGE))
 
-        assert not system.rover()["robot_state"]["stopped"]
+        assert not system.server.rover()["robot_state"]["stopped"]
         eventually(lambda: heckler.shout_everywhere() or system.arrived(), within_s=30.0)
         gauge.wait_standing(within_s=5.0)
         assert system.to_goal_m() < 0.5

@@ -17,8 +17,8 @@ DRIVES_MPS = 0.2
 
 def start_driving(system: Stage, gauge: SpeedGauge) -> None:
     """Set the goal and wait until the robot truly drives."""
-    eventually(system.ready, within_s=20.0)
-    assert system.set_goal().status_code == 200
+    eventually(system.server.ready, within_s=20.0)
+    assert system.server.set_goal().status_code == 200
     gauge.wait_faster(DRIVES_MPS, within_s=10.0)
 
 
@@ -27,11 +27,11 @@ def test_killed_it_leaves_a_robot_that_stands_and_restarted_one_that_goes_on(tmp
         gauge = SpeedGauge(system.simulation)
         start_driving(system, gauge)
         killed_s = time.monotonic()
-        system.server.signal(signal.SIGKILL)
+        system.server.process.signal(signal.SIGKILL)
         assert gauge.wait_standing(within_s=5.0) - killed_s < STANDS_WITHIN_S
         stood_m = system.simulation.path_m
 
-        system.start_server()
+        system.server.start()
         assert system.simulation.path_m - stood_m < 0.01
         gauge.wait_faster(DRIVES_MPS, within_s=15.0)
         eventually(system.arrived, within_s=30.0)
@@ -45,10 +45,10 @@ def test_frozen_it_leaves_a_robot_that_stands_and_thawed_one_that_goes_on(tmp_pa
         gauge = SpeedGauge(system.simulation)
         start_driving(system, gauge)
         frozen_s = time.monotonic()
-        system.server.signal(signal.SIGSTOP)
+        system.server.process.signal(signal.SIGSTOP)
         assert gauge.wait_standing(within_s=5.0) - frozen_s < STANDS_WITHIN_S
 
-        system.server.signal(signal.SIGCONT)
+        system.server.process.signal(signal.SIGCONT)
         gauge.wait_faster(DRIVES_MPS, within_s=15.0)
         eventually(system.arrived, within_s=30.0)
         gauge.wait_standing(within_s=5.0)

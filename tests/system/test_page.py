@@ -21,9 +21,10 @@ from revnm_client.link import open_client
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.view import FloorCameraView
 
+from .hall import CAMERA, SCENARIO
 from .screen import DESKTOP, PHONE, PHONE_ON_ITS_SIDE, Screen, chromium, screen
 from .speed_gauge import SpeedGauge
-from .stage import CAMERA, SCENARIO, Stage, stage
+from .stage import Stage, stage
 
 LENS = "lens"  # the name under which the simulator publishes its pictures
 STANDS_WITHIN_S = 1.0
@@ -65,8 +66,8 @@ def browser() -> Iterator[Browser]:
 def running(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Stage, Cable]]:
     """Everything at work; the browser is asked for first, so that nothing is started in vain without one."""
     with stage(tmp_path_factory.mktemp("page"), camera=LENS) as system:
-        cable = Cable(system.endpoint)
-        eventually(system.ready, within_s=30.0)
+        cable = Cable(system.server.listen)
+        eventually(system.server.ready, within_s=30.0)
         yield system, cable
         cable.close()
 
@@ -76,9 +77,9 @@ def system(running: tuple[Stage, Cable]) -> Stage:
     """The stage, its robot standing, free and without a goal."""
     system, cable = running
     cable.plug()
-    system.call("POST", "/api/v1/robots/rover/stop")
-    system.call("POST", "/api/v1/robots/rover/resume")
-    eventually(lambda: system.rover()["status"] == "no_goal", within_s=10.0)
+    system.server.call("POST", "/api/v1/robots/rover/stop")
+    system.server.call("POST", "/api/v1/robots/rover/resume")
+    eventually(lambda: system.server.rover()["status"] == "no_goal", within_s=10.0)
     SpeedGauge(system.simulation).wait_standing(within_s=10.0)
     return system
 
@@ -96,7 +97,7 @@ def pixel_near(system: Stage, distance_m: float) -> tuple[float, float]:
 
 def goal_m(system: Stage) -> tuple[float, float]:
     """Where on the floor the goal is that the server has."""
-    goal = system.rover()["goal"]
+    goal = system.server.rover()["goal"]
     ray = SCENARIO.camera.project(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))[0]
     # The camera looks straight down: pixels are linear in the floor's places.
     columns = np.stack([ray[1] - ray[0], ray[2] - ray[0]], axis=1)
@@ -110,16 +111,16 @@ def start_driving(shown: Screen, system: Stage) -> None:
 
 
 def test_a_click_is_previewed_and_the_robot_arrives(browser: Browser, system: Stage) -> None:
-    with screen(browser, system.url) as shown:
+    with screen(browser, system.server.url) as shown:
         shown.wait_live()
         target = pixel_near(system, 1.0)
         shown.page.mouse.move(*shown.place(target))
         shown.page.mouse.down()
         shown.says("hint", "Release")
         assert shown.count("overlay", "r === 255 && g === 204 && b === 51 && a === 255") > 20
-        assert system.rover()["goal"] is None
+        assert system.server.rover()["goal"] is None
         shown.page.mouse.up()
-        goal = eventually(lambda: system.rover()["goal"])
+        goal = eventually(lambda: system.server.rover()["goal"])
         assert math.dist((goal["u"], goal["v"]), target) < 2.0
         shown.says("status", "Driving")
         shown.hides("hint")
@@ -133,7 +134,7 @@ def test_a_click_is_previewed_and_the_robot_arrives(browser: Browser, system: St
 @pytest.mark.parametrize("way", ["button", "space"])
 def test_stop_makes_the_robot_stand_within_a_second(browser: Browser, system: Stage, way: str) -> None:
     gauge = SpeedGauge(system.simulation)
-    with screen(browser, system.url) as shown:
+    with screen(browser, system.server.url) as shown:
         shown.wait_live()
         start_driving(shown, system)
         pressed_s = time.monotonic()
@@ -145,7 +146,7 @@ def test_stop_makes_the_robot_stand_within_a_second(browser: Browser, system: St
         assert gauge.wait_standing(within_s=5.0) - pressed_s < STANDS_WITHIN_S
         shown.says("status", "Stopped")
         assert shown.page.locator("input[value=exo]").is_checked()
-        assert system.rover()["goal"] is None
+        assert system.server.rover()["goal"] is None
         # A goal is refused in words.
         shown.page.mouse.click(*shown.place((320, 240)))
         shown.says("message", "resume it")
@@ -154,7 +155,7 @@ def test_stop_makes_the_robot_stand_within_a_second(browser: Browser, system: St
 
 
 def test_drags_and_escape_set_no_goal(browser: Browser, system: Stage) -> None:
-    with screen(browser, system.url) as shown:
+    with screen(browser, system.server.url) as shown:
         shown.wait_live()
         x, y = shown.place(pixel_near(system, 1.0))
         mouse = shown.page.mouse
@@ -168,16 +169,16 @@ def test_drags_and_escape_set_no_goal(browser: Browser, system: Stage) -> None:
         shown.page.keyboard.press("Escape")
         mouse.up()
         mouse.click(x, y, button="right")
-        assert system.rover()["goal"] is None
+        assert system.server.rover()["goal"] is None
         mouse.move(x, y)
         mouse.down()
         mouse.move(x + 3, y)  # a hand that shakes
         mouse.up()
-        eventually(lambda: system.rover()["goal"])
+        eventually(lambda: system.server.rover()["goal"])
 
 
 def test_the_keyboard_alone_is_enough(browser: Browser, system: Stage) -> None:
-    with screen(browser, system.url) as shown:
+    with screen(browser, system.server.url) as shown:
         shown.wait_live()
         press = shown.page.keyboard.press
         for _ in range(10):
@@ -185,12 +186,12 @@ def test_the_keyboard_alone_is_enough(browser: Browser, system: Stage) -> None:
             if shown.page.evaluate("document.activeElement.id") == "overlay":
                 break
         press("ArrowRight")  # the crosshair begins at the robot
-        u, v = system.rover()["pixel"]
+        u, v = system.server.rover()["pixel"]
         for key in ("ArrowUp", "ArrowRight", "Shift+ArrowRight", "Shift+ArrowRight"):
             press(key)
         shown.says("hint", "Enter")
         press("Enter")
-        goal = eventually(lambda: system.rover()["goal"])
+        goal = eventually(lambda: system.server.rover()["goal"])
         assert math.dist((goal["u"], goal["v"]), (u + 84, v - 4)) < 2.0  # steps of 4 px, and of 40
         SpeedGauge(system.simulation).wait_faster(0.1, within_s=10.0)
         press("Space")
@@ -202,14 +203,14 @@ def test_the_keyboard_alone_is_enough(browser: Browser, system: Stage) -> None:
         press("ArrowUp")
         press("Escape")
         press("Enter")
-        assert system.rover()["goal"] is None
+        assert system.server.rover()["goal"] is None
 
 
 def test_a_dead_camera_is_told_at_once_and_so_is_its_return(
     browser: Browser, running: tuple[Stage, Cable], system: Stage
 ) -> None:
     _, cable = running
-    with screen(browser, system.url) as shown:
+    with screen(browser, system.server.url) as shown:
         shown.wait_live()
         cable.pull()
         pulled_s = time.monotonic()
@@ -224,7 +225,7 @@ def test_a_dead_camera_is_told_at_once_and_so_is_its_return(
 
 
 def test_layers_are_shown_and_goals_are_set_in_the_cameras_pixels_only(browser: Browser, system: Stage) -> None:
-    with screen(browser, system.url) as shown:
+    with screen(browser, system.server.url) as shown:
         shown.wait_live()
         shown.page.get_by_label("Depth").check()
         shown.wait("document.getElementById('picture').width === 640")
@@ -237,27 +238,27 @@ def test_layers_are_shown_and_goals_are_set_in_the_cameras_pixels_only(browser: 
         assert start is not None
         shown.page.mouse.click(start["x"] + start["width"] / 2, start["y"] + start["height"] / 2)
         shown.says("hint", "camera")
-        assert system.rover()["goal"] is None
+        assert system.server.rover()["goal"] is None
 
 
 def test_a_phone_has_stop_in_view_and_taps_but_does_not_mistake_a_swipe(browser: Browser, system: Stage) -> None:
-    with screen(browser, system.url, size=PHONE, touch=True) as shown:
+    with screen(browser, system.server.url, size=PHONE, touch=True) as shown:
         shown.wait_live()
         x, y = shown.place(pixel_near(system, 1.0))
         shown.swipe(x, y, down_px=60.0)
-        assert system.rover()["goal"] is None
+        assert system.server.rover()["goal"] is None
         shown.page.touchscreen.tap(x, y)
-        eventually(lambda: system.rover()["goal"])
+        eventually(lambda: system.server.rover()["goal"])
         shown.page.locator("#stop").tap()
         shown.says("status", "Stopped")
 
 
 @pytest.mark.parametrize("size", [DESKTOP, PHONE, PHONE_ON_ITS_SIDE])
 def test_everything_has_a_name_contrast_and_room(browser: Browser, system: Stage, size: tuple[int, int]) -> None:
-    with screen(browser, system.url, size=size) as shown:
+    with screen(browser, system.server.url, size=size) as shown:
         shown.wait_live()
         assert shown.page.evaluate(AUDIT) == []
-        system.call("POST", "/api/v1/robots/rover/stop")
+        system.server.call("POST", "/api/v1/robots/rover/stop")
         shown.says("status", "Stopped")
         assert shown.page.evaluate(AUDIT) == []
 
@@ -272,11 +273,11 @@ def made_up(shown: Screen, state: dict[str, Any]) -> None:
 
 
 def test_several_robots_are_chosen_and_stopped_one_or_all(browser: Browser, system: Stage) -> None:
-    state = system.state()
+    state = system.server.state()
     first = state["robots"][0]
     second = first | {"name": "cart", "status": "driving", "reason": "robot: plan is 0.9 s old"}
     state["robots"] = [first, second, first | {"name": "lift", "status": "stopped"}]
-    with screen(browser, system.url) as shown:
+    with screen(browser, system.server.url) as shown:
         made_up(shown, state)
         asked: list[str] = []
         shown.page.route("**/robots/**", lambda route: (asked.append(route.request.url), route.fulfill(json={})))
@@ -297,9 +298,9 @@ def test_several_robots_are_chosen_and_stopped_one_or_all(browser: Browser, syst
 
 
 def test_who_may_only_watch_may_stop(browser: Browser, system: Stage) -> None:
-    state = system.state()
+    state = system.server.state()
     state["robots"][0] |= {"status": "stopped", "goal": {"u": 100.0, "v": 100.0, "id": "a"}}
-    with screen(browser, system.url, size=PHONE) as shown:
+    with screen(browser, system.server.url, size=PHONE) as shown:
         shown.page.route("**/api/v1/session", lambda route: route.fulfill(json={"role": "viewer"}))
         made_up(shown, state)
         asked: list[str] = []
@@ -323,13 +324,13 @@ def test_who_may_only_watch_may_stop(browser: Browser, system: Stage) -> None:
 def test_the_preview_is_as_large_as_the_robot_by_the_learnt_camera(browser: Browser, system: Stage) -> None:
     camera = FloorCamera((640, 480), 420.0, 0.35, 0.03, 2.6, -0.12)
     numbers = asdict(FloorCameraView.of(camera))
-    state = system.state()
+    state = system.server.state()
     state["camera"]["calibration"] = {
         "status": "good", "progress": 1.0, "spread_1_m_cm": 1.0, "spread_2_m_cm": 2.0, "event": None, "camera": numbers,
     }  # fmt: skip
     pixels = np.random.default_rng(0).uniform((5, 5), (635, 475), (40, 2))
     expected, valid = camera.on_plane(pixels - 0.5)
-    with screen(browser, system.url) as shown:
+    with screen(browser, system.server.url) as shown:
         found = shown.page.evaluate(
             """async ([camera, pixels]) => {
                 const {onFloor, inPicture} = await import("/page/floor.js");
@@ -358,4 +359,4 @@ def test_the_preview_is_as_large_as_the_robot_by_the_learnt_camera(browser: Brow
         shown.page.mouse.up()
         shown.page.mouse.click(*shown.place((320, 5)))
         shown.says("message", "not on the floor")
-    assert system.rover()["goal"] is None
+    assert system.server.rover()["goal"] is None
