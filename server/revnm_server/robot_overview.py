@@ -17,6 +17,7 @@ from revnm_server.tick_memory import Remembered, SentPlan
 from revnm_server.view import GoalView, RobotView, Status, TimingView, pairs, path_in_picture, rounded, scan_view
 
 _DRIVING_S = 0.5
+_SILENT_S = 2.0  # robots say how they are twice a second
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +75,12 @@ def robot_view(
     seen = last.seen
     now_ns = time.time_ns()
     seen_age_s = (now_ns - seen.stamp_ns) / 1e9 if seen is not None else None
-    driving = last.sent is not None and time.monotonic() - last.sent.at_s <= _DRIVING_S
+    sending = last.sent is not None and time.monotonic() - last.sent.at_s <= _DRIVING_S
+    silence = _silence(link.state_age_s) if sending else None
     led = last.route.reason if last.route is not None else ""
     held = link.state is not None and link.state["stopped"] is True
-    does, reason = _judge(wanted, held=held, driving=driving, trouble=trouble or led or _sighting_trouble(seen_age_s))
+    trouble = silence or trouble or led or _sighting_trouble(seen_age_s)
+    does, reason = _judge(wanted, held=held, driving=sending and silence is None, trouble=trouble)
     if does == "driving":
         reason = "; ".join(text for text in (_robot_trouble(link), led) if text) or None
     shown = last.sent if does == "driving" else None
@@ -119,8 +122,8 @@ def _judge(wanted: RobotMission, *, held: bool, driving: bool, trouble: str) -> 
     Args:
         wanted: What the operator wants of it.
         held: The robot says that its stop is latched.
-        driving: It is being given plans.
-        trouble: What keeps plans from being made.
+        driving: It is being given plans, and is there.
+        trouble: What keeps plans from being made, or from reaching it.
     """
     if wanted.stopped:
         return "stopped", "the robot has not confirmed the stop" if wanted.order is not None else None
@@ -138,6 +141,13 @@ def _robot_trouble(link: RobotLink) -> str | None:
     if link.state is None or link.state["moving"] or not link.state["reason"]:
         return None
     return f"robot: {link.state['reason']}"
+
+
+def _silence(age_s: float | None) -> str | None:
+    """Return that nobody knows whether a robot's plans reach it, where it is not heard; None where it is."""
+    if age_s is None:
+        return "the robot has not been heard yet"
+    return f"the robot was heard {age_s:.1f} s ago" if age_s > _SILENT_S else None
 
 
 def _told_ms(link: RobotLink, key: str) -> float | None:

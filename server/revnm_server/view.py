@@ -24,7 +24,7 @@ _MOST_SCAN_POINTS = 180
 
 Pair = tuple[float, float]
 Status = Literal["no_goal", "driving", "arrived", "stopped", "waiting"]
-"""What a robot is doing; ``waiting`` has a goal and gets no plan."""
+"""What a robot is doing; ``waiting`` has a goal and gets no plan, or is not heard."""
 
 
 @dataclass(frozen=True, slots=True)

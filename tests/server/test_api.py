@@ -88,12 +88,13 @@ def assert_problem(response: httpx.Response, status: int) -> dict[str, Any]:
     return document
 
 
-def test_a_goal_is_set_and_dropped(api: Api, service: NavigationService, feed: None) -> None:
+def test_a_goal_is_set_and_dropped(api: Api, service: NavigationService, feed: None, router: zenoh.Session) -> None:
     response = api.call("PUT", GOAL, json={"u": 250, "v": 200.5})
     assert response.status_code == 200
     goal = response.json()["goal"]
     assert (goal["u"], goal["v"]) == (250, 200.5)
-    eventually(lambda: service.view().robots[0].status == "driving")
+    with RobotEnd(router) as robot:
+        eventually(lambda: robot.say() or service.view().robots[0].status == "driving")
     assert api.call("GET", "/api/v1/state").json()["robots"][0]["goal"] == goal
     assert api.call("GET", "/api/v1/robots").json()[0]["goal"] == goal
     assert api.call("DELETE", GOAL).status_code == 204

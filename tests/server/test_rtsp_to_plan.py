@@ -76,8 +76,8 @@ def test_a_click_becomes_plans(tiny_bundle: Path, tmp_path: Path) -> None:
             assert plan.goal_id == goal.json()["goal"]["id"]
             assert plan.waypoints_m.shape == (5, 2)
             assert np.allclose(np.hypot(*plan.waypoints_m.T), 0.3 * np.arange(1, 6), atol=1e-3)
-            driving = eventually(lambda: next(r for r in state()["robots"] if r["path_px"]))  # type: ignore[attr-defined]
-            assert driving["status"] == "driving"
+            eventually(lambda: robot.say() or state()["robots"][0]["path_px"])  # type: ignore[index]
+            assert state()["robots"][0]["status"] == "driving"  # type: ignore[index]
             assert set(state()["timings_ms"]) == {"depth", "tag", "exo2ego", "policy", "tick"}  # type: ignore[call-overload]
 
             eventually(lambda: robot.say() or http.get("/readyz").status_code == 200)

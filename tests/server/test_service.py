@@ -71,7 +71,8 @@ def test_a_goal_becomes_plans(service: NavigationService, client: zenoh.Session)
         assert rover(service).status == "no_goal"
         goal = service.mission.set_goal("rover", 300, 50, size_px=SIZE)
         eventually(lambda: len(robot.plans) >= 3)
-        eventually(lambda: rover(service).status == "driving")
+        assert (rover(service).status, rover(service).reason) == ("waiting", "the robot has not been heard yet")
+        eventually(lambda: robot.say() or rover(service).status == "driving")
         eventually(lambda: robot.say(round_trip_ms=1.5, clock_offset_ms=True) or rover(service).round_trip_ms)
         shown = rover(service)
         ticked = service.last_tick()
@@ -94,12 +95,26 @@ def test_a_goal_becomes_plans(service: NavigationService, client: zenoh.Session)
     assert (ticked.size_px, ticked.result.disparity.shape) == (SIZE, (4, 4))
 
 
+def test_a_robot_that_falls_silent_is_not_said_to_drive(service: NavigationService, client: zenoh.Session) -> None:
+    with RobotEnd(client) as robot, CameraFeed(client):
+        eventually(lambda: service.camera.latest())
+        service.mission.set_goal("rover", 300, 50, size_px=SIZE)
+        eventually(lambda: robot.say(moving=True) or rover(service).status == "driving")
+        eventually(lambda: rover(service).status == "waiting", within_s=5.0)
+        shown, count = rover(service), len(robot.plans)
+        assert shown.reason is not None
+        assert shown.reason.startswith("the robot was heard 2.")
+        assert shown.path_px == []
+        eventually(lambda: len(robot.plans) > count)  # it may well hear what is sent to it
+        eventually(lambda: robot.say(moving=True) or rover(service).status == "driving")
+
+
 def test_a_stale_camera_gives_no_plan(service: NavigationService, client: zenoh.Session) -> None:
     with RobotEnd(client) as robot:
         with CameraFeed(client):
             eventually(lambda: service.camera.latest())
             service.mission.set_goal("rover", 300, 50, size_px=SIZE)
-            eventually(lambda: robot.plans)
+            eventually(lambda: robot.say() or rover(service).status == "driving")
         eventually(lambda: rover(service).status == "waiting")
         count = len(robot.plans)
         eventually(lambda: service.view().camera.state == "stale")
@@ -114,7 +129,7 @@ def test_a_failed_model_gives_no_plan_and_is_told(
     with RobotEnd(client) as robot, CameraFeed(client):
         eventually(lambda: service.camera.latest())
         service.mission.set_goal("rover", 300, 50, size_px=SIZE)
-        eventually(lambda: robot.plans)
+        eventually(lambda: robot.say() or rover(service).status == "driving")
         pipeline.broken = "the network gave NaN"
         eventually(lambda: any("the network gave NaN" in reason for reason in service.view().reasons))
         eventually(lambda: rover(service).status == "waiting")
