@@ -103,17 +103,21 @@ class RobotAgent:
         self._scan_times: Times | None = None
         self._offset_ns: int | None = None
         self._round_trip_ns: int | None = None
+        self._server: str | None = None
         self._trouble: str | None = None
         self._arrived = False
         self._last = Tick(STANDSTILL, "not started yet", 0.0)
         self._tick_ms: deque[float] = deque(maxlen=200)
 
-    def set_clock_offset(self, offset_ns: int | None, *, round_trip_ns: int | None = None) -> None:
-        """Set the server's clock minus the robot's, and how long the exchange took that told it.
+    def set_clock_offset(
+        self, offset_ns: int | None, *, round_trip_ns: int | None = None, server: str | None = None
+    ) -> None:
+        """Set the server's clock minus the robot's, how long the exchange took that told it, and which server it is.
 
-        None: unknown. The robot stands where the offset is; the round trip is only shown.
+        None: unknown. The robot stands where the offset is; the round trip is only shown. Plans of other servers than
+        ``server`` are refused; None takes any's.
         """
-        self._offset_ns, self._round_trip_ns = offset_ns, round_trip_ns
+        self._offset_ns, self._round_trip_ns, self._server = offset_ns, round_trip_ns, server
 
     def set_trouble(self, trouble: str | None) -> None:
         """Set why the base would not obey, as its driver says: the robot stands, for that reason. None: all is well."""
@@ -150,7 +154,11 @@ class RobotAgent:
         """Take in a plan; return whether it was accepted. A refusal is counted by its reason."""
         pose = None if self._offset_ns is None else self._odometry.at(plan.stamp_ns - self._offset_ns)
         accepted = self._gate.accepts(
-            plan, received_ns=received_ns, offset_ns=self._offset_ns, has_pose=pose is not None
+            plan,
+            received_ns=received_ns,
+            offset_ns=self._offset_ns,
+            server=self._server,
+            has_pose=pose is not None,
         )
         if accepted and pose is not None:
             self._plan = track(plan, pose, received_ns)
@@ -200,6 +208,7 @@ class RobotAgent:
         p50, p95 = np.percentile(self._tick_ms, (50, 95)) if self._tick_ms else (math.nan, math.nan)
         return {
             "robot": self._config.robot,
+            "server": self._server,
             "moving": velocity != STANDSTILL,
             "reason": self._last.reason,
             "stopped": self._gate.stopped,

@@ -275,7 +275,7 @@ def _decode_waypoint(stamped: Any, index: int) -> tuple[float, float]:
 
 
 def decode_plan(payload: bytes, attachment: bytes) -> Plan:
-    """Return the checked plan from the Path and its attachment {epoch, seq, goal}.
+    """Return the checked plan from the Path and its attachment {epoch, seq, goal, server}.
 
     Raises:
         MessageError: Either is malformed or missing, the frame is not the robot's, there are no waypoints or
@@ -289,7 +289,7 @@ def decode_plan(payload: bytes, attachment: bytes) -> Plan:
         raise MessageError(f"plan has {len(message.poses)} waypoints: expected 1 to {MAX_WAYPOINTS}")
     waypoints = [_decode_waypoint(pose, index) for index, pose in enumerate(message.poses)]
     ticket = decode_attachment(attachment)
-    return Plan(stamp_ns, np.array(waypoints), ticket.epoch, ticket.seq, ticket.goal_id)
+    return Plan(stamp_ns, np.array(waypoints), ticket.epoch, ticket.seq, ticket.goal_id, ticket.server)
 
 
 def encode_image(image: CompressedImage) -> bytes:

@@ -1,4 +1,8 @@
-"""Asks the server for its time once a second, in a thread of its own: the control loop never waits."""
+"""Asks the server for its time once a second, in a thread of its own: the control loop never waits.
+
+Where several servers answer, by mistake, the first is the robot's: it is followed until it answers no more while
+another does. A robot that took plans of both would go to and fro between two goals, by two clocks.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ import zenoh
 
 from revnm_client import keys
 from revnm_client.clock import ClockOffset
-from revnm_client.control_messages import TimeRequest, decode_time_reply, encode_time_request
+from revnm_client.control_messages import TimeReply, TimeRequest, decode_time_reply, encode_time_request
 from revnm_client.errors import MessageError
 
 _log = logging.getLogger(__name__)
@@ -19,6 +23,7 @@ _log = logging.getLogger(__name__)
 _PERIOD_S = 1.0
 _FIRST_PERIOD_S = 0.1
 _TIMEOUT_S = 0.5
+_MISSED = 5  # answers of others, one each tenth of a second, before the own server is given up
 
 
 class ProbeReading(NamedTuple):
@@ -27,6 +32,7 @@ class ProbeReading(NamedTuple):
     Attributes:
         offset_ns: Server's clock minus robot's clock; None while unknown.
         round_trip_ns: Of the exchange it comes from; None while unknown.
+        server: The one that is followed; None while unknown.
         rejected: Number of malformed replies so far; a missing one is not malformed.
         last_error: Why the last one was; empty when none was.
         failures: Number of exchanges that ended in an unexpected error so far.
@@ -34,9 +40,17 @@ class ProbeReading(NamedTuple):
 
     offset_ns: int | None
     round_trip_ns: int | None
+    server: str | None
     rejected: int
     last_error: str
     failures: int
+
+
+class _Exchange(NamedTuple):
+    """A reply, and when it came, robot's wall clock."""
+
+    reply: TimeReply
+    t4_ns: int
 
 
 class ClockProbe:
@@ -47,6 +61,8 @@ class ClockProbe:
         self._key = keys.time(robot)
         self._lock = threading.Lock()
         self._offset = ClockOffset()
+        self._server: str | None = None
+        self._missed = 0
         self._rejected = 0
         self._last_error = ""
         self._failures = 0
@@ -58,7 +74,12 @@ class ClockProbe:
         with self._lock:
             offset = self._offset
             return ProbeReading(
-                offset.offset_ns, offset.round_trip_ns, self._rejected, self._last_error, self._failures
+                offset.offset_ns,
+                offset.round_trip_ns,
+                self._server,
+                self._rejected,
+                self._last_error,
+                self._failures,
             )
 
     def forget(self) -> None:
@@ -82,26 +103,55 @@ class ClockProbe:
                 with self._lock:
                     self._failures += 1
                 _log.exception("asking for the server's time failed")
-            known = self.reading().offset_ns is not None
-            self._stop.wait(_PERIOD_S if known else _FIRST_PERIOD_S)
+            settled = self.reading().offset_ns is not None and not self._missed
+            self._stop.wait(_PERIOD_S if settled else _FIRST_PERIOD_S)
 
     def _ask(self) -> None:
         t1_ns = time.time_ns()
         request = encode_time_request(TimeRequest(t1_ns))
-        for reply in self._session.get(self._key, payload=request, timeout=_TIMEOUT_S):
+        exchanges = []
+        for reply in self._session.get(
+            self._key,
+            payload=request,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=_TIMEOUT_S,
+        ):
             t4_ns = time.time_ns()
             try:
-                self._take(reply, t1_ns, t4_ns)
+                if reply.ok is not None:  # else nobody answered in time
+                    exchanges.append(_Exchange(_reply_to(t1_ns, reply.ok), t4_ns))
             except MessageError as error:
                 with self._lock:
                     self._rejected += 1
                     self._last_error = f"{self._key}: {error}"
-
-    def _take(self, reply: zenoh.Reply, t1_ns: int, t4_ns: int) -> None:
-        if reply.ok is None:
-            return  # nobody answered in time
-        times = decode_time_reply(reply.ok.payload.to_bytes())
-        if times.t1_ns != t1_ns:
-            raise MessageError(f"time reply is for {times.t1_ns}: expected {t1_ns}")
         with self._lock:
-            self._offset.add(t1_ns, times.t2_ns, times.t3_ns, t4_ns)
+            self._take(exchanges)
+
+    def _take(self, exchanges: list[_Exchange]) -> None:
+        """Take the followed server's answer; where only others answered, several times, follow the first of them."""
+        if not exchanges:
+            return
+        own = next((each for each in exchanges if each.reply.server == self._server), None)
+        self._missed = 0 if own is not None else self._missed + 1
+        if self._server is None or self._missed >= _MISSED:
+            own, self._missed = exchanges[0], 0
+            if self._server is not None:
+                _log.warning("server %s answers no more: following %s", self._server, own.reply.server)
+            self._server = own.reply.server
+            self._offset.forget()
+        if own is not None:
+            times = own.reply
+            self._offset.add(times.t1_ns, times.t2_ns, times.t3_ns, own.t4_ns)
+
+
+def _reply_to(t1_ns: int, sample: zenoh.Sample) -> TimeReply:
+    """Return the checked reply to the request that was sent at ``t1_ns``.
+
+    Raises:
+        MessageError: It is malformed, or to another request.
+    """
+    reply = decode_time_reply(sample.payload.to_bytes())
+    if reply.t1_ns != t1_ns:
+        raise MessageError(f"time reply is for {reply.t1_ns}: expected {t1_ns}")
+    return reply

@@ -27,6 +27,7 @@ class PlanTicket:
     epoch: int
     seq: int
     goal_id: str
+    server: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +65,19 @@ class TimeRequest:
 
 @dataclass(frozen=True, slots=True)
 class TimeReply:
-    """Server → robot: the request's time, and when it arrived and was answered, server's wall clock, ns."""
+    """Server → robot: the request's time, when it came and was answered, server's wall clock, ns; the server's name."""
 
     t1_ns: int
     t2_ns: int
     t3_ns: int
+    server: str = ""
 
 
 def encode_attachment(plan: Plan) -> bytes:
-    """Return the plan's epoch, seq and goal id as JSON ``{"epoch", "seq", "goal"}``."""
-    return json_payload.encode_object({"epoch": plan.epoch, "seq": plan.seq, "goal": plan.goal_id})
+    """Return the plan's epoch, seq, goal id and server as JSON ``{"epoch", "seq", "goal", "server"}``."""
+    return json_payload.encode_object(
+        {"epoch": plan.epoch, "seq": plan.seq, "goal": plan.goal_id, "server": plan.server}
+    )
 
 
 def decode_attachment(payload: bytes) -> PlanTicket:
@@ -83,11 +87,12 @@ def decode_attachment(payload: bytes) -> PlanTicket:
         MessageError: It is malformed.
     """
     fields = json_payload.decode_object(payload, what="plan attachment")
-    json_payload.only(fields, {"epoch", "seq", "goal"}, what="plan attachment")
+    json_payload.only(fields, {"epoch", "seq", "goal", "server"}, what="plan attachment")
     return PlanTicket(
         epoch=json_payload.count(fields["epoch"], what="epoch"),
         seq=json_payload.count(fields["seq"], what="seq"),
         goal_id=json_payload.text(fields["goal"], what="goal"),
+        server=json_payload.text(fields["server"], what="server"),
     )
 
 
@@ -144,8 +149,8 @@ def decode_time_request(payload: bytes) -> TimeRequest:
 
 
 def encode_time_reply(reply: TimeReply) -> bytes:
-    """Return the reply as JSON ``{"t1", "t2", "t3"}``."""
-    return json_payload.encode_object({"t1": reply.t1_ns, "t2": reply.t2_ns, "t3": reply.t3_ns})
+    """Return the reply as JSON ``{"t1", "t2", "t3", "server"}``."""
+    return json_payload.encode_object({"t1": reply.t1_ns, "t2": reply.t2_ns, "t3": reply.t3_ns, "server": reply.server})
 
 
 def decode_time_reply(payload: bytes) -> TimeReply:
@@ -155,11 +160,11 @@ def decode_time_reply(payload: bytes) -> TimeReply:
         MessageError: It is malformed or was sent before the request came.
     """
     fields = json_payload.decode_object(payload, what="time reply")
-    json_payload.only(fields, {"t1", "t2", "t3"}, what="time reply")
+    json_payload.only(fields, {"t1", "t2", "t3", "server"}, what="time reply")
     t1, t2, t3 = (json_payload.count(fields[key], what=key) for key in ("t1", "t2", "t3"))
     if t3 < t2:
         raise MessageError(f"time reply was sent {t2 - t3} ns before its request came")
-    return TimeReply(t1, t2, t3)
+    return TimeReply(t1, t2, t3, json_payload.text(fields["server"], what="server"))
 
 
 def encode_state(state: Mapping[str, Scalar]) -> bytes:

@@ -108,7 +108,7 @@ STANDSTILL = Velocity(0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Waypoints from the server (nav_msgs/Path, with epoch, seq and goal id in the attachment).
+    """Waypoints from the server (nav_msgs/Path; epoch, seq, goal id and server in the attachment).
 
     Attributes:
         stamp_ns: Capture time of the picture that the plan was made from, server's clock.
@@ -117,6 +117,7 @@ class Plan:
         epoch: Raised by every stop; a robot refuses plans of an older epoch.
         seq: Counts up within an epoch.
         goal_id: The goal that the plan leads to.
+        server: Who made it: a robot follows one server at a time.
     """
 
     stamp_ns: int
@@ -124,6 +125,7 @@ class Plan:
     epoch: int
     seq: int
     goal_id: str
+    server: str = ""
 
 
 @dataclass(frozen=True, slots=True)

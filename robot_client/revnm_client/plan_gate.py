@@ -37,17 +37,22 @@ class PlanGate:
         self.stopped = False
         self._raise(epoch)
 
-    def accepts(self, plan: Plan, *, received_ns: int, offset_ns: int | None, has_pose: bool) -> bool:
+    def accepts(
+        self, plan: Plan, *, received_ns: int, offset_ns: int | None, server: str | None, has_pose: bool
+    ) -> bool:
         """Take a plan, or refuse it and count why.
 
         Args:
             plan: A plan that is sound in itself.
             received_ns: Robot's clock.
             offset_ns: Server's clock minus the robot's; None while unknown.
+            server: The one that the robot follows, whose clock that is; None for any.
             has_pose: Odometry knows where the robot was at the plan's capture.
         """
         if offset_ns is None:
             return self._refuse("clock", "the clock offset to the server is unknown")
+        if server is not None and plan.server != server:
+            return self._refuse("server", f"plan of server {plan.server}: this robot follows {server}")
         ahead_ns = plan.stamp_ns - offset_ns - received_ns
         if ahead_ns > FUTURE_NS:
             return self._refuse("future", f"plan is stamped {ahead_ns * 1e-9:.1f} s in the future")

@@ -171,7 +171,7 @@ class RobotRunner:
         reading = ends.server.probe.reading()
         trouble = ends.driver.trouble()
         self._agent.set_trouble(None if trouble is None else str(trouble))
-        self._agent.set_clock_offset(reading.offset_ns, round_trip_ns=reading.round_trip_ns)
+        self._agent.set_clock_offset(reading.offset_ns, round_trip_ns=reading.round_trip_ns, server=reading.server)
         self._read(ends, now_ns)
         tick = self._agent.tick(now_ns)
         return tick.velocity, tick.reason

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import logging
+import re
+import socket
 import time
+from uuid import uuid4
 
 import zenoh
 
@@ -26,16 +29,23 @@ _NEWS_S = 1.0  # a robot says how it is twice a second
 _SLOW_MPS, _SLOW_RADPS = 0.05, 0.1
 
 
+def server_name() -> str:
+    """Return a name for this server: its machine's, and something that tells two servers on it apart."""
+    return f"{re.sub('[^A-Za-z0-9-]', '-', socket.gethostname())[:32]}-{uuid4().hex[:4]}"
+
+
 class RobotLink:
     """Talks with one robot; hears it only when :meth:`listen` is called, by one thread.
 
     Attributes:
         robot: The robot's name.
+        server: This server's name, which the robot compares.
         state: What the robot last said of itself; None before that.
     """
 
-    def __init__(self, session: zenoh.Session, robot: str) -> None:
+    def __init__(self, session: zenoh.Session, robot: str, *, server: str) -> None:
         self.robot = robot
+        self.server = server
         self.state: dict[str, Scalar] | None = None
         self._heard_s = 0.0
         self._time_key = keys.time(robot)
@@ -57,6 +67,12 @@ class RobotLink:
     def state_age_s(self) -> float | None:
         """Time since the robot was heard; None before that."""
         return time.monotonic() - self._heard_s if self.state is not None else None
+
+    @property
+    def followed(self) -> str | None:
+        """The other server that the robot says it follows; None where it follows this one, or none yet."""
+        server = self.state.get("server") if self.state is not None else None
+        return str(server) if server not in (None, self.server) else None
 
     @property
     def drives(self) -> bool:
@@ -88,7 +104,7 @@ class RobotLink:
         arrived_ns = time.time_ns()
         try:
             request = decode_time_request(query.payload.to_bytes() if query.payload is not None else b"")
-            reply = TimeReply(request.t1_ns, arrived_ns, max(arrived_ns, time.time_ns()))
+            reply = TimeReply(request.t1_ns, arrived_ns, max(arrived_ns, time.time_ns()), self.server)
             query.reply(self._time_key, encode_time_reply(reply))
         except MessageError as error:
             self._time_rejected += 1

@@ -76,11 +76,11 @@ def robot_view(
     now_ns = time.time_ns()
     seen_age_s = (now_ns - seen.stamp_ns) / 1e9 if seen is not None else None
     sending = last.sent is not None and time.monotonic() - last.sent.at_s <= _DRIVING_S
-    silence = _silence(link.state_age_s) if sending else None
+    unheeded = _unheeded(link) if sending else None
     led = last.route.reason if last.route is not None else ""
     held = link.state is not None and link.state["stopped"] is True
-    trouble = silence or trouble or led or _sighting_trouble(seen_age_s)
-    does, reason = _judge(wanted, held=held, driving=sending and silence is None, trouble=trouble)
+    trouble = unheeded or trouble or led or _sighting_trouble(seen_age_s)
+    does, reason = _judge(wanted, held=held, driving=sending and unheeded is None, trouble=trouble)
     if does == "driving":
         reason = "; ".join(text for text in (_robot_trouble(link), led) if text) or None
     shown = last.sent if does == "driving" else None
@@ -143,11 +143,15 @@ def _robot_trouble(link: RobotLink) -> str | None:
     return f"robot: {link.state['reason']}"
 
 
-def _silence(age_s: float | None) -> str | None:
-    """Return that nobody knows whether a robot's plans reach it, where it is not heard; None where it is."""
-    if age_s is None:
+def _unheeded(link: RobotLink) -> str | None:
+    """Return why nobody knows whether a robot heeds its plans, or why it does not; None where it does."""
+    if link.state_age_s is None:
         return "the robot has not been heard yet"
-    return f"the robot was heard {age_s:.1f} s ago" if age_s > _SILENT_S else None
+    if link.state_age_s > _SILENT_S:
+        return f"the robot was heard {link.state_age_s:.1f} s ago"
+    if link.followed is not None:
+        return f"the robot follows another server, {link.followed}: take it out of the settings of one of the two"
+    return None
 
 
 def _told_ms(link: RobotLink, key: str) -> float | None:

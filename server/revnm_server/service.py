@@ -22,7 +22,7 @@ from revnm_server.mission import Goal, Mission
 from revnm_server.orders import OrderCourier
 from revnm_server.overview import Overview
 from revnm_server.pipeline import RobotPlan, TickResult
-from revnm_server.robot_link import RobotLink
+from revnm_server.robot_link import RobotLink, server_name
 from revnm_server.site_report import SiteReport
 from revnm_server.tick_memory import SeenTick, SentPlan, Tally, TickMemory
 from revnm_server.tick_recorder import ObservedTick, TickRecorder
@@ -57,6 +57,7 @@ class NavigationService:
         robot_size_m: Length and width of a robot, for drawing.
         notes: What is odd about how it was put together, for whoever looks.
         recorder: Is shown every tick; closed by the owner.
+        name: Of this server, for robots that hear several; None makes one of the machine's.
     """
 
     def __init__(
@@ -71,13 +72,15 @@ class NavigationService:
         robot_size_m: tuple[float, float] = (0.43, 0.36),
         notes: Sequence[str] = (),
         recorder: TickRecorder | None = None,
+        name: str | None = None,
     ) -> None:
         self.camera = camera
         self.mission = mission
         self.recorder = recorder
         self._pipeline = pipeline
         self._period_s = 1.0 / tick_hz
-        self._links = {robot: RobotLink(session, robot) for robot in mission.names}
+        self._name = name or server_name()
+        self._links = {robot: RobotLink(session, robot, server=self._name) for robot in mission.names}
         self._courier = OrderCourier(session, mission)
         self._ticks = TickMemory()
         self._overview = Overview(
@@ -187,7 +190,8 @@ class NavigationService:
         for robot, link in self._links.items():
             if not link.listen() or link.state is None:
                 continue
-            self.mission.catch_up(robot, int(link.state["epoch"] or 0))
+            if link.followed is None:  # else its epochs are another's, who would overtake this one's in turn
+                self.mission.catch_up(robot, int(link.state["epoch"] or 0))
             if self.mission.of(robot).stopped and link.state["stopped"] is False:
                 self.mission.repeat_order(robot)
         self.camera.note_motion(self._driving_in_view())
@@ -244,6 +248,6 @@ class NavigationService:
             number = self.mission.number_plan(plan.robot, plan.goal_id)
             if number is None or self._closing.is_set():
                 return None
-            message = Plan(plan.stamp_ns, plan.waypoints_m, number.epoch, number.seq, plan.goal_id)
+            message = Plan(plan.stamp_ns, plan.waypoints_m, number.epoch, number.seq, plan.goal_id, self._name)
             self._links[plan.robot].publish(message)
         return SentPlan(time.monotonic(), plan.stamp_ns, plan.waypoints_m, sighting)

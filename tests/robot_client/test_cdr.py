@@ -25,8 +25,8 @@ SCAN = Scan(
 )
 ODOMETRY = Odometry(5_000_000_001, Pose2(1.0, -2.0, 0.0), Velocity(0.5, -0.25))
 VELOCITY = Velocity(0.5, -0.25)
-PLAN = Plan(7_000_000_002, np.array([[0.5, 0.0], [1.0, 0.0], [1.0, 0.0]]), epoch=3, seq=4, goal_id="g1")
-ATTACHMENT = b'{"epoch":3,"seq":4,"goal":"g1"}'
+PLAN = Plan(7_000_000_002, np.array([[0.5, 0.0], [1.0, 0.0], [1.0, 0.0]]), epoch=3, seq=4, goal_id="g1", server="edge")
+ATTACHMENT = b'{"epoch":3,"seq":4,"goal":"g1","server":"edge"}'
 IMAGE = CompressedImage(1_500_000_000, "jpeg", b"\xff\xd8\xff\xe0rest")
 
 # Every message begins with 00 01 00 00: CDR, little endian. Offsets count from behind these four bytes. A number
@@ -109,7 +109,7 @@ def test_sizes_on_the_wire():
 def test_attachment():
     assert cdr.encode_attachment(PLAN) == ATTACHMENT
     ticket = decode_attachment(ATTACHMENT)
-    assert (ticket.epoch, ticket.seq, ticket.goal_id) == (3, 4, "g1")
+    assert (ticket.epoch, ticket.seq, ticket.goal_id, ticket.server) == (3, 4, "g1", "edge")
 
 
 def test_round_trips_of_random_messages():

@@ -3,10 +3,18 @@ from __future__ import annotations
 import random
 
 import pytest
+import zenoh
 
 from revnm_client.clock import ClockJump, ClockOffset
 from revnm_client.clock_probe import ClockProbe
-from revnm_client.control_messages import TimeReply, decode_time_request, encode_time_reply
+from revnm_client.control_messages import (
+    TimeReply,
+    TimeRequest,
+    decode_time_request,
+    encode_time_reply,
+    encode_time_request,
+)
+from revnm_client.link import open_client
 
 SECOND = 1_000_000_000
 MS = 1_000_000
@@ -102,7 +110,7 @@ def test_probe_measures_a_server_with_another_clock(router, client, eventually, 
 
 
 def test_probe_counts_garbage_and_goes_on(router, client, eventually):
-    replies = iter([b"", b"{}", b'{"t1":1,"t2":2,"t3":3}', None])
+    replies = iter([b"", b"{}", b'{"t1":1,"t2":2,"t3":3,"server":""}', None])
 
     def answer(query):
         with query:
@@ -117,6 +125,39 @@ def test_probe_counts_garbage_and_goes_on(router, client, eventually):
         assert probe.reading().offset_ns is None
         assert probe.reading().last_error.startswith("rover/revnm/time: ")
         assert probe.reading().failures == 0
+
+
+def clock_of(session, server, skew_ns):
+    """Let a server tell a time."""
+
+    def answer(query):
+        with query:
+            t1_ns = decode_time_request(query.payload.to_bytes()).t1_ns
+            reply = TimeReply(t1_ns, t1_ns + skew_ns, t1_ns + skew_ns, server)
+            query.reply("rover/revnm/time", encode_time_reply(reply))
+
+    return session.declare_queryable("rover/revnm/time", answer)
+
+
+def test_probe_follows_one_of_two_servers_until_it_answers_no_more(endpoint, router, client, eventually):
+    with open_client([endpoint]) as elsewhere, ClockProbe(client, "rover") as probe:
+        first = clock_of(router, "hall", 5 * SECOND)
+        eventually(lambda: probe.reading().server == "hall")
+        with clock_of(elsewhere, "yard", -5 * SECOND):
+            key = "rover/revnm/time"
+            everybody = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
+            asked = encode_time_request(TimeRequest(1))
+            eventually(lambda: len(list(client.get(key, payload=asked, **everybody))) == 2)
+            before = probe.reading()
+            probe.forget()  # so that it asks at once, and hears both
+            eventually(lambda: probe.reading().offset_ns is not None)
+            after = probe.reading()
+            assert (before.server, after.server) == ("hall", "hall")
+            assert abs(after.offset_ns - 5 * SECOND) <= after.round_trip_ns
+            first.undeclare()
+            eventually(lambda: probe.reading().server == "yard")
+            reading = probe.reading()
+            assert abs(reading.offset_ns + 5 * SECOND) <= reading.round_trip_ns
 
 
 def test_probe_without_a_server_knows_nothing_and_ends(client):

@@ -16,7 +16,7 @@ MESSAGES = [
     (control.encode_stop_request, control.decode_stop_request, control.StopRequest("resume", 0)),
     (control.encode_stop_reply, control.decode_stop_reply, control.StopReply(True, 3)),
     (control.encode_time_request, control.decode_time_request, control.TimeRequest(2**62)),
-    (control.encode_time_reply, control.decode_time_reply, control.TimeReply(1, 2, 3)),
+    (control.encode_time_reply, control.decode_time_reply, control.TimeReply(1, 2, 3, "edge")),
     (control.encode_state, control.decode_state, STATE),
 ]
 DECODERS = [
@@ -38,7 +38,7 @@ def test_words_on_the_wire():
     assert control.encode_stop_request(control.StopRequest("stop", 3)) == b'{"action":"stop","epoch":3}'
     assert control.encode_stop_reply(control.StopReply(True, 3)) == b'{"stopped":true,"epoch":3}'
     assert control.encode_time_request(control.TimeRequest(1)) == b'{"t1":1}'
-    assert control.encode_time_reply(control.TimeReply(1, 2, 3)) == b'{"t1":1,"t2":2,"t3":3}'
+    assert control.encode_time_reply(control.TimeReply(1, 2, 3, "edge")) == b'{"t1":1,"t2":2,"t3":3,"server":"edge"}'
 
 
 @pytest.mark.parametrize("decode", DECODERS)
@@ -68,20 +68,23 @@ def test_garbage_is_refused(decode, payload):
 @pytest.mark.parametrize(
     ("decode", "fields"),
     [
-        (control.decode_attachment, {"epoch": -1, "seq": 0, "goal": ""}),
-        (control.decode_attachment, {"epoch": True, "seq": 0, "goal": ""}),
-        (control.decode_attachment, {"epoch": 1.0, "seq": 0, "goal": ""}),
-        (control.decode_attachment, {"epoch": 2**63, "seq": 0, "goal": ""}),
-        (control.decode_attachment, {"epoch": 1, "seq": 0, "goal": "g" * 65}),
-        (control.decode_attachment, {"epoch": 1, "seq": 0, "goal": "a\nb"}),
-        (control.decode_attachment, {"epoch": 1, "seq": 0, "goal": None}),
-        (control.decode_attachment, {"epoch": 1, "seq": 0}),
+        (control.decode_attachment, {"epoch": -1, "seq": 0, "goal": "", "server": "edge"}),
+        (control.decode_attachment, {"epoch": True, "seq": 0, "goal": "", "server": "edge"}),
+        (control.decode_attachment, {"epoch": 1.0, "seq": 0, "goal": "", "server": "edge"}),
+        (control.decode_attachment, {"epoch": 2**63, "seq": 0, "goal": "", "server": "edge"}),
+        (control.decode_attachment, {"epoch": 1, "seq": 0, "goal": "g" * 65, "server": "edge"}),
+        (control.decode_attachment, {"epoch": 1, "seq": 0, "goal": "a\nb", "server": "edge"}),
+        (control.decode_attachment, {"epoch": 1, "seq": 0, "goal": None, "server": "edge"}),
+        (control.decode_attachment, {"epoch": 1, "seq": 0, "server": "edge"}),
+        (control.decode_attachment, {"epoch": 1, "seq": 0, "goal": ""}),
+        (control.decode_attachment, {"epoch": 1, "seq": 0, "goal": "", "server": "a\nb"}),
         (control.decode_stop_request, {"action": "halt", "epoch": 1}),
         (control.decode_stop_request, {"action": ["stop"], "epoch": 1}),
         (control.decode_stop_request, {"action": "stop", "epoch": 1, "why": "?"}),
         (control.decode_stop_reply, {"stopped": 1, "epoch": 1}),
         (control.decode_time_request, {"t1": "now"}),
-        (control.decode_time_reply, {"t1": 1, "t2": 3, "t3": 2}),
+        (control.decode_time_reply, {"t1": 1, "t2": 3, "t3": 2, "server": "edge"}),
+        (control.decode_time_reply, {"t1": 1, "t2": 2, "t3": 3, "server": None}),
         (control.decode_state, {key: STATE[key] for key in STATE if key != "reason"}),
         (control.decode_state, STATE | {"moving": 0}),
         (control.decode_state, STATE | {"v_mps": [1.0]}),

@@ -43,7 +43,7 @@ def healthy(**changes) -> Observation:
         5.0,
         scans=series(scan, period_ms=100, lag_ms=20),
         odometry=series(lambda t: Odometry(t, Pose2(1.0, 2.0, 0.0), STANDSTILL), period_ms=20, lag_ms=5),
-        clock=ProbeReading(3 * MS, 2 * MS, 0, "", 0),
+        clock=ProbeReading(3 * MS, 2 * MS, "edge", 0, "", 0),
     )
     for name, value in changes.items():
         setattr(seen, name, value)
@@ -130,9 +130,12 @@ def standing_odometry(t: int) -> Odometry:
             {"scans": odd_scans(own_post())},
             "outline", "FAULT", "6 beams end within the robot's own outline, about 0.18 m away at 172°",
         ),
-        ({"clock": ProbeReading(None, None, 0, "", 0)}, "clock", "FAULT", "do its settings have a robot called rover?"),
-        ({"clock": ProbeReading(5000 * MS, 2 * MS, 0, "", 0)}, "clock", "WARN", "+5000.0 ms from this one's"),
-        ({"clock": ProbeReading(0, 300 * MS, 0, "", 0)}, "clock", "WARN", "the network is slow"),
+        (
+            {"clock": ProbeReading(None, None, None, 0, "", 0)}, "clock", "FAULT",
+            "do its settings have a robot called rover?",
+        ),
+        ({"clock": ProbeReading(5000 * MS, 2 * MS, "edge", 0, "", 0)}, "clock", "WARN", "+5000.0 ms from this one's"),
+        ({"clock": ProbeReading(0, 300 * MS, "edge", 0, "", 0)}, "clock", "WARN", "the network is slow"),
         ({"trouble": "the bumper is pressed"}, "base", "FAULT", "the bumper is pressed: the robot will not move"),
         ({"state": {"reason": "scan is 0.4 s old"}}, "client", "OK", "runs, and stands: scan is 0.4 s old"),
         ({"state": {"reason": None}}, "client", "OK", "runs, and drives"),
@@ -155,7 +158,7 @@ def test_an_odometry_that_jumps_is_told(settings):
 def test_late_plans_are_told_by_the_servers_clock(settings):
     # Stamped by a server's clock that is 5 s ahead: 5.7 s − 5 s = 0.7 s from picture to robot.
     plan = Plan(0, np.array([[1.0, 0.0]]), epoch=1, seq=1, goal_id="g")
-    clock = ProbeReading(5000 * MS, 2 * MS, 0, "", 0)
+    clock = ProbeReading(5000 * MS, 2 * MS, "edge", 0, "", 0)
     for late_ms, verdict in ((700, Verdict.FAULT), (200, Verdict.OK)):
         plans = series(
             lambda t, late_ms=late_ms: replace(plan, stamp_ns=t + (5000 - late_ms) * MS), period_ms=200, lag_ms=0

@@ -45,7 +45,7 @@ FLOATS = [math.nan, math.inf, -math.inf, 3e38, -3e38, 1e-45, -1e-45, 0.0, -0.0, 
 DOUBLES = [*FLOATS, 1e308, -1e308, 5e-324]
 INTEGERS = [0, 1, 999_999_999, NS, 2**31 - 1, -1, -(2**31)]
 TEXTS = ["", "map", "base_link\0", "\n" * 64, "x" * 65, "é" * 40, "%s%n"]
-TICKET = b'{"epoch":%s,"seq":%s,"goal":%s}'
+TICKET = b'{"epoch":%s,"seq":%s,"goal":%s,"server":""}'
 ATTACHMENTS = [
     b"",
     b"{}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -151,8 +152,15 @@ def plan(*, seq: int = 1, epoch: int = 0, stamp_ms: int = -100) -> Plan:
     return Plan(NOW + OFFSET + stamp_ms * MS, np.array([[1.0, 0.0]]), epoch, seq, "goal")
 
 
-def accepts(gate: PlanGate, item: Plan, *, offset_ns: int | None = OFFSET, has_pose: bool = True) -> bool:
-    return gate.accepts(item, received_ns=NOW, offset_ns=offset_ns, has_pose=has_pose)
+def accepts(
+    gate: PlanGate,
+    item: Plan,
+    *,
+    offset_ns: int | None = OFFSET,
+    server: str | None = None,
+    has_pose: bool = True,
+) -> bool:
+    return gate.accepts(item, received_ns=NOW, offset_ns=offset_ns, server=server, has_pose=has_pose)
 
 
 def test_sequence_must_rise_within_an_epoch() -> None:
@@ -180,6 +188,7 @@ def test_newer_epoch_restarts_the_sequence_and_older_one_is_refused() -> None:
         (plan(stamp_ms=250), {}, "future"),
         (plan(), {"offset_ns": None}, "clock"),
         (plan(), {"has_pose": False}, "odometry"),
+        (plan(epoch=9), {"server": "hall"}, "server"),
     ],
 )
 def test_refusal_is_counted_and_changes_nothing(item: Plan, how: dict[str, object], kind: str) -> None:
@@ -187,6 +196,16 @@ def test_refusal_is_counted_and_changes_nothing(item: Plan, how: dict[str, objec
     assert not accepts(gate, item, **how)  # type: ignore[arg-type]
     assert gate.refused == {kind: 1}
     assert (gate.epoch, gate.seq) == (0, None)
+
+
+def test_only_the_server_that_is_followed_leads() -> None:
+    gate = PlanGate()
+    ours, others = replace(plan(seq=3), server="hall"), replace(plan(seq=9, epoch=7), server="yard")
+    assert accepts(gate, ours, server="hall")
+    assert not accepts(gate, others, server="hall")
+    assert gate.last_refusal == "plan of server yard: this robot follows hall"
+    assert (gate.epoch, gate.seq) == (0, 3)
+    assert accepts(gate, others, server="yard")
 
 
 def test_stamp_a_little_in_the_future_passes() -> None:

@@ -85,7 +85,7 @@ def test_what_went_over_zenoh_is_recorded_byte_for_byte(router: zenoh.Session, t
         assert raw[topic] == sent[topic]
     messages = read(path)
     assert messages["/rover/revnm/state"][0].data == state.decode()
-    assert json.loads(messages["/rover/waypoints/ticket"][0].data) == {"epoch": 3, "seq": 7, "goal": "g1"}
+    assert json.loads(messages["/rover/waypoints/ticket"][0].data) == {"epoch": 3, "seq": 7, "goal": "g1", "server": ""}
 
 
 def test_a_tick_is_recorded_for_viewers(router: zenoh.Session, tmp_path: Path) -> None:

@@ -299,6 +299,22 @@ def test_a_server_without_its_state_file_catches_up_with_the_robot(
         eventually(lambda: robot.say(epoch=50) or service.mission.of("rover").epoch == 51)
 
 
+def test_a_robot_that_follows_another_server_is_waited_for_and_not_outbid(
+    service: NavigationService, client: zenoh.Session
+) -> None:
+    with RobotEnd(client) as robot, CameraFeed(client):
+        eventually(lambda: robot.say(server="yard") or rover(service).robot_state is not None)
+        service.mission.set_goal("rover", 10.0, 10.0, size_px=(320, 240))
+        eventually(lambda: robot.plans)
+        eventually(lambda: robot.say(server="yard", epoch=50) or rover(service).status == "waiting")
+        assert rover(service).reason == (
+            "the robot follows another server, yard: take it out of the settings of one of the two"
+        )
+        assert service.mission.of("rover").epoch < 50
+        eventually(lambda: robot.say(server=robot.plans[-1].server, epoch=50) or rover(service).status == "driving")
+        eventually(lambda: service.mission.of("rover").epoch == 51)
+
+
 def test_a_robot_that_holds_a_stop_of_another_server_can_be_resumed(
     service: NavigationService, client: zenoh.Session
 ) -> None:
