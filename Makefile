@@ -4,6 +4,9 @@
 # make test   all tests but the slow ones
 # make test-training   the slow tests of training and export (ten minutes); make test-slow has all that are slow
 # make browser   installs Chromium (Debian, as root), without which the tests of the page are skipped
+# make wheels   builds the four packages into dist/; make test-wheels installs them from there into a new environment and runs them
+# make bandit   looks for insecure code; make audit also asks PyPI for known vulnerabilities of what constraints.txt pins
+# make api-docs   writes docs/api.md
 # make train  makes data and trains the edge models from nothing (three hours on two cores), into runs/
 
 PYTHON ?= python3
@@ -14,7 +17,7 @@ SEED ?= 0
 JOBS ?= 2
 TRAIN := $(BIN)/revnm-train
 
-.PHONY: demo check format test test-training test-slow browser train clean
+.PHONY: demo check format test test-training test-wheels test-slow browser wheels bandit audit api-docs train clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/revnm-sim demo --seed $(SEED) $(if $(HEADLESS),--headless) $(if $(PLANNER),--planner $(PLANNER))
@@ -35,12 +38,32 @@ test: $(VENV)/dev.stamp
 test-training: $(VENV)/dev.stamp
 	$(BIN)/pytest --quiet -m slow tests/training tests/sim/test_engine.py
 
-test-slow: $(VENV)/dev.stamp
+test-wheels: $(VENV)/dev.stamp wheels
+	$(BIN)/pytest --quiet -m slow tests/system/test_wheels.py
+
+test-slow: $(VENV)/dev.stamp wheels
 	$(PIP) --group slow
 	$(BIN)/pytest --quiet -m slow
 
 browser:
 	command -v chromium >/dev/null || { apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium fonts-dejavu-core; }
+
+wheels: $(BIN)/python
+	rm -f dist/revnm_*.whl
+	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --build-constraint constraints.txt --wheel-dir dist \
+	    ./robot_client ./server ./sim ./training
+
+bandit: $(VENV)/dev.stamp
+	$(PIP) --group audit
+	$(BIN)/bandit --quiet --configfile pyproject.toml --severity-level medium --recursive robot_client server sim training
+
+# Strict: a package that could not be looked up is an error, not a package without fault.
+audit: bandit
+	$(BIN)/pip-audit --strict --no-deps --disable-pip --requirement constraints.txt
+
+api-docs: $(VENV)/dev.stamp
+	$(BIN)/python docs/api_reference.py > docs/api.partial
+	mv docs/api.partial docs/api.md
 
 train: $(VENV)/dev.stamp
 	$(TRAIN) synth --episodes 6000 --seed 20 --out data/edge --jobs $(JOBS)

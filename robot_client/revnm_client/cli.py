@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from revnm_client.errors import RevnmError
+from revnm_client.version_option import VersionAction
 
 _HELP = {
     "bench": "measure the controller and the loop on this machine",
@@ -31,6 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="revnm-robot", description="ReVNM on the robot.")
+    parser.add_argument("--version", action=VersionAction, const="revnm-client")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for name, text in _HELP.items():
         command = commands.add_parser(name, help=text, description=text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import ipaddress
 import json
 import ssl
 import urllib.error
@@ -13,8 +14,6 @@ from typing import Any, Literal
 
 from revnm_client.errors import ConfigError, LinkError
 from revnm_server.settings import HttpSettings
-
-_EVERYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # noqa: S104 - what others bind, and where they are reached
 
 
 class NoServerError(LinkError):
@@ -38,11 +37,20 @@ class ServerAddress:
     @classmethod
     def of(cls, settings: HttpSettings) -> ServerAddress:
         """Return where the server of these settings is, seen from its own machine."""
-        host = _EVERYWHERE.get(settings.host, settings.host)
+        host = _own(settings.host)
         host = f"[{host}]" if ":" in host else host
         scheme = "http" if settings.certificate is None else "https"
         token = settings.token.get_secret_value() if settings.token is not None else None
         return cls(f"{scheme}://{host}:{settings.port}", token, settings.certificate)
+
+
+def _own(host: str) -> str:
+    """Return where this machine reaches a server that listens at a host: of all addresses, the loopback's."""
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        return host  # a name
+    return {4: "127.0.0.1", 6: "::1"}[address.version] if address.is_unspecified else host
 
 
 def call(

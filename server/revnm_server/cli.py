@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from revnm_client.errors import RevnmError
+from revnm_client.version_option import VersionAction
 
 _HELP = {
     "serve": "watch a camera and drive the robots in its picture",
@@ -37,6 +38,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="revnm-server", description="A camera on the wall guides robots without cameras."
     )
+    parser.add_argument("--version", action=VersionAction, const="revnm-server")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for name, text in _HELP.items():
         command = commands.add_parser(name, help=text, description=text)

@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from importlib import import_module
 
 from revnm_client.errors import LinkError, RevnmError
+from revnm_client.version_option import VersionAction
 
 _DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 _INTERRUPTED = 130
@@ -49,6 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="revnm-sim", description="The ReVNM simulator.")
+    parser.add_argument("--version", action=VersionAction, const="revnm-sim")
     commands = parser.add_subparsers(dest="command", required=True)
     _add_run(commands.add_parser("run", help="simulate robot and camera in real time until Ctrl-C"))
     _add_demo(commands.add_parser("demo", help="simulator, server and robot on this machine"))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from revnm_client.errors import RevnmError
+from revnm_client.version_option import VersionAction
 from revnm_sim.engine import ENGINES, Engine
 from revnm_training.cli_runs import INTERRUPTED, add_dagger, add_depth, add_exo2ego, add_policy, add_preset
 from revnm_training.preset import load_preset
@@ -32,6 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="revnm-train", description=__doc__)
+    parser.add_argument("--version", action=VersionAction, const="revnm-training")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_synth(commands.add_parser("synth", help="make a data set of labelled episodes"))
     add_depth(commands.add_parser("depth", help="train the depth network"))
