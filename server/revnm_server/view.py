@@ -29,7 +29,15 @@ Status = Literal["no_goal", "driving", "arrived", "stopped", "waiting"]
 
 @dataclass(frozen=True, slots=True)
 class FloorCameraView:
-    """A camera over the floor, as :class:`revnm_server.floor_camera.FloorCamera` describes it."""
+    """A camera over the floor.
+
+    Attributes:
+        focal_px: Focal length.
+        pitch_rad: How far the view is bent down from the horizontal.
+        roll_rad: Turn about the view, clockwise as seen in the picture's content.
+        height_m: Of the optical centre over the floor.
+        distortion: Of the division model, in units of (half the picture's width)⁻²; negative for barrels.
+    """
 
     focal_px: float
     pitch_rad: float
@@ -77,10 +85,18 @@ class CalibrationView:
 
 @dataclass(frozen=True, slots=True)
 class CameraView:
-    """The camera: ``frame_age_s`` since the newest picture came; ``reason`` why it is not running.
+    """The camera.
 
-    ``frame_stamp_ms`` is when that was taken, milliseconds since the epoch, server's clock: who sees a picture of the
-    stream knows by it how far behind the stream is. ``calibration`` is None where no map is made.
+    Attributes:
+        url: Where its pictures come from, without a password.
+        state: Whether they come; ``stale`` sends none, or old ones; ``ended`` is a file that was played.
+        size_px: Width and height of its pictures; None before the first.
+        fps: Pictures a second.
+        frame_age_s: Since the newest picture came.
+        frame_stamp_ms: When that was taken, milliseconds since the epoch, server's clock: who sees a picture of the
+            stream knows by it how far behind the stream is.
+        reason: Why it is not running.
+        calibration: What was learnt of it; None where no map is made.
     """
 
     url: str
@@ -95,7 +111,13 @@ class CameraView:
 
 @dataclass(frozen=True, slots=True)
 class GoalView:
-    """A goal: its pixel (u, v) in the picture as it is now."""
+    """A goal.
+
+    Attributes:
+        u: Its pixel in the picture as it is now, from the left.
+        v: The same, from the top.
+        id: Tells it from others: plans carry it.
+    """
 
     u: float
     v: float
@@ -104,7 +126,12 @@ class GoalView:
 
 @dataclass(frozen=True, slots=True)
 class ScanView:
-    """A robot's newest scan: at most 180 hits, metres, robot frame; of neighbours the nearest is kept."""
+    """A robot's newest scan.
+
+    Attributes:
+        points_m: At most 180 hits, metres, robot frame; of neighbours the nearest is kept.
+        age_s: Since it was taken.
+    """
 
     points_m: list[Pair]
     age_s: float
@@ -159,7 +186,12 @@ class RobotView:
 
 @dataclass(frozen=True, slots=True)
 class TimingView:
-    """How long a stage takes lately, milliseconds."""
+    """How long something takes lately.
+
+    Attributes:
+        p50: Median, milliseconds.
+        p95: Exceeded by one of twenty, milliseconds.
+    """
 
     p50: float
     p95: float

@@ -23,27 +23,13 @@ from revnm_server.mission import Mission
 from revnm_server.service import NavigationService
 from revnm_server.settings import HttpSettings
 
+from .http_calls import Api
 from .service_parts import CameraFeed, FakePipeline, RobotEnd
 from .waiting import eventually
 
 TOKEN = "0123456789abcdefXYZ"
 VIEWER = "viewer0123456789ab"
 GOAL = "/api/v1/robots/rover/goal"
-
-
-class Api:
-    """Calls the application from plain code."""
-
-    def __init__(self, app: FastAPI) -> None:
-        self.app = app
-
-    def call(self, method: str, path: str, **options: Any) -> httpx.Response:
-        async def once() -> httpx.Response:
-            transport = httpx.ASGITransport(self.app, raise_app_exceptions=False)
-            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000") as client:
-                return await client.request(method, path, **options)
-
-        return asyncio.run(once())
 
 
 @pytest.fixture

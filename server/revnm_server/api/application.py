@@ -8,7 +8,8 @@ from importlib.resources import files
 from fastapi import APIRouter, FastAPI, HTTPException, Response
 
 from revnm_server.api import problems
-from revnm_server.api.guard import GUARD_STATUSES, Guard, Role
+from revnm_server.api.document import DocumentedApplication
+from revnm_server.api.guard import Guard, Role
 from revnm_server.api.health import health_router
 from revnm_server.api.live import live_router
 from revnm_server.api.recording import recording_router
@@ -32,14 +33,8 @@ def create_application(service: NavigationService, settings: HttpSettings) -> Fa
         service: Does the work.
         settings: The tokens, and whether only this machine is served.
     """
-    app = FastAPI(
-        title="ReVNM server",
-        version=version("revnm-server"),
-        summary="A camera on the wall guides robots without cameras: click a pixel, the robot drives there.",
-        docs_url=None,
-        redoc_url=None,
-        openapi_url="/api/v1/openapi.json",
-    )
+    roles = _roles(settings)
+    app = DocumentedApplication(version("revnm-server"), guarded=bool(roles))
     problems.install(app)
     for router in (
         robots_router(service),
@@ -48,9 +43,8 @@ def create_application(service: NavigationService, settings: HttpSettings) -> Fa
         health_router(service),
         session_router(),
     ):
-        app.include_router(router, responses=problems.responses(*GUARD_STATUSES))
+        app.include_router(router)
     app.include_router(_page_router())
-    roles = _roles(settings)
     app.add_middleware(
         Guard,
         roles=roles,

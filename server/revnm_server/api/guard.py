@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hmac
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from typing import NamedTuple
 from urllib.parse import parse_qs, urlsplit
@@ -21,8 +21,14 @@ from revnm_server.settings import is_loopback
 
 MAX_BODY_BYTES = 16_384
 COOKIE = "revnm_token"
-GUARD_STATUSES = (401, 403, 411, 413, 421)
-"""What the guard itself answers with."""
+REFUSALS = {
+    401: "No token came, or an unknown one.",
+    403: "A page of another site asks, or a viewer's token came with what only operators may do.",
+    411: "The length of the body is not told.",
+    413: f"The body has more than {MAX_BODY_BYTES} bytes.",
+    421: "The server serves its own machine only, and was called by a name that is not that machine's.",
+}
+"""What the guard itself answers, and when, by status."""
 
 _OPEN_PATHS = ("/healthz",)
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
@@ -45,6 +51,25 @@ class Role(StrEnum):
     """Look, and stop robots: whoever sees one about to hit something shall be able to."""
     OPERATOR = "operator"
     """Everything."""
+
+
+def least_role(method: str, path: str) -> Role | None:
+    """Return who may make a request, besides operators; None asks for no token at all.
+
+    Args:
+        method: Of HTTP; a WebSocket is opened by GET.
+        path: Of the request, or of a route.
+    """
+    if path in _OPEN_PATHS:
+        return None
+    return Role.VIEWER if method in _SAFE_METHODS or _STOP_PATH.fullmatch(path) else Role.OPERATOR
+
+
+def refusals(method: str, path: str) -> Iterable[int]:
+    """Return the statuses with which the guard may answer a request."""
+    if least_role(method, path) is None:
+        return ()
+    return (401, 421) if method in _SAFE_METHODS else REFUSALS
 
 
 class _Refusal(NamedTuple):
@@ -94,13 +119,15 @@ class Guard:
             await answer(scope, receive, _with_headers(send, None))
 
     def _refusal(self, scope: Scope, headers: Headers, role: Role | None) -> _Refusal | None:
-        if scope["path"] in _OPEN_PATHS:
+        method = scope.get("method", "GET")
+        least = least_role(method, scope["path"])
+        if least is None:
             return None
         host = headers.get("host", "")
         if self._local_names_only and not _is_local(host):
             return _Refusal(421, "this server answers to names of its own machine only")
         origin = headers.get("origin")
-        safe = scope["type"] == "http" and scope["method"] in _SAFE_METHODS
+        safe = scope["type"] == "http" and method in _SAFE_METHODS
         if origin is not None and not safe and not _is_same_site(origin, host):
             return _Refusal(403, "a page of another site may not do this")
         if scope["type"] == "http" and not safe:
@@ -109,8 +136,7 @@ class Guard:
                 return refusal
         if role is None:
             return _Refusal(401, "a token is needed: as Authorization: Bearer, or for the page as ?token=")
-        looks = safe or scope["type"] == "websocket" or _STOP_PATH.fullmatch(scope["path"])
-        if role is Role.VIEWER and not looks:
+        if role is Role.VIEWER and least is Role.OPERATOR:
             return _Refusal(403, "a viewer's token may look, and stop robots: this needs the operator's")
         return None
 

@@ -13,7 +13,11 @@ from revnm_server.service import NavigationService
 
 
 class Health(BaseModel):
-    """An answer that all is well."""
+    """An answer that all is well.
+
+    Attributes:
+        status: ``ok`` or ``ready``.
+    """
 
     status: str
 
@@ -28,7 +32,7 @@ def health_router(service: NavigationService, *, lost_s: float = 10.0) -> APIRou
     router = APIRouter(tags=["health"])
     registry = metrics_registry(service)
 
-    @router.get("/healthz", response_model=Health, responses=responses(503))
+    @router.get("/healthz", response_model=Health, responses=responses({503: "A tick hangs: start the server again."}))
     async def healthz() -> Health | Response:
         """Say whether the process works, or should be started again: it answers, and its tick does not hang.
 
@@ -39,7 +43,9 @@ def health_router(service: NavigationService, *, lost_s: float = 10.0) -> APIRou
             return problem(503, f"the tick has been at one picture for {hangs_s:.0f} s")
         return Health(status="ok")
 
-    @router.get("/readyz", response_model=Health, responses=responses(503))
+    @router.get(
+        "/readyz", response_model=Health, responses=responses({503: "No goal would be driven to: see reasons."})
+    )
     async def readyz() -> Health | Response:
         """Say whether the camera is fresh, the models work and a robot reports; else why not."""
         reasons = service.view().reasons

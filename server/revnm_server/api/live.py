@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException, Query, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import StreamingResponse
@@ -21,6 +21,33 @@ from revnm_server.view import ServerView
 
 _SEND_S = 5.0
 _NO_PICTURE = "the camera has not given a picture yet"
+_FRAME: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "A JPEG, as large as the camera's pictures.",
+        "content": {"image/jpeg": {}},
+        "headers": {
+            "X-Frame-Seq": {"description": "Its number.", "schema": {"type": "integer"}},
+            "X-Frame-Stamp-Ns": {
+                "description": "When it was taken: nanoseconds since the epoch, server's clock.",
+                "schema": {"type": "integer"},
+            },
+        },
+    },
+    **responses({409: "The camera has not given a picture yet."}),
+}
+_STREAM: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "JPEGs, each with when it was taken in X-Frame-Stamp-Ms, as a browser's <img> shows them.",
+        "content": {MEDIA_TYPE: {}},
+    },
+    **responses(
+        {
+            404: "There is no robot of that name.",
+            409: "There is no such picture now: the detail says why.",
+            422: "There is no such layer, or ego without a robot.",
+        }
+    ),
+}
 
 
 def live_router(service: NavigationService) -> APIRouter:
@@ -52,7 +79,7 @@ def live_router(service: NavigationService) -> APIRouter:
         finally:
             gone.cancel()
 
-    @router.get("/frame.jpg", response_class=Response, responses=responses(409))
+    @router.get("/frame.jpg", response_class=Response, responses=_FRAME)
     async def frame_jpg() -> Response:
         """Return the newest picture, however old: see the camera's state."""
         frame = service.camera.latest()
@@ -62,10 +89,10 @@ def live_router(service: NavigationService) -> APIRouter:
         headers = {"X-Frame-Seq": str(frame.seq), "X-Frame-Stamp-Ns": str(frame.stamp_ns)}
         return Response(data, media_type="image/jpeg", headers=headers)
 
-    @router.get("/stream.mjpg", response_class=Response, responses=responses(404, 409, 422))
+    @router.get("/stream.mjpg", response_class=Response, responses=_STREAM)
     async def stream_mjpg(
-        layer: Annotated[Literal["exo", "depth", "ego", "map"], Query()] = "exo",
-        robot: Annotated[str | None, Query(max_length=32)] = None,
+        layer: Annotated[Literal["exo", "depth", "ego", "map"], Query(description="What to show.")] = "exo",
+        robot: Annotated[str | None, Query(max_length=32, description="Whose view: for ``ego``.")] = None,
     ) -> StreamingResponse:
         """Stream pictures, at most ten a second, at most 1024 pixels wide.
 

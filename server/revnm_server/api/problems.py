@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any
 
@@ -22,7 +23,15 @@ MEDIA_TYPE = "application/problem+json"
 
 
 class Problem(BaseModel):
-    """A problem document; ``reasons`` lists what is wrong where it is more than one thing."""
+    """A problem document.
+
+    Attributes:
+        type: Always this: the status says what kind of problem it is.
+        title: The status in words.
+        status: That of the answer.
+        detail: What is wrong.
+        reasons: All that is wrong, where it may be more than one thing.
+    """
 
     type: str = "about:blank"
     title: str
@@ -45,12 +54,10 @@ def problem(
     )
 
 
-def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """Return the OpenAPI description of the problems that a route can answer with."""
+def responses(reasons: Mapping[int, str]) -> dict[int | str, dict[str, Any]]:
+    """Return the OpenAPI description of problems, by what each status means."""
     content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    return {
-        status: {"description": HTTPStatus(status).phrase, "model": Problem, "content": content} for status in statuses
-    }
+    return {status: {"description": reason, "content": content} for status, reason in reasons.items()}
 
 
 def install(app: FastAPI) -> None:

@@ -10,6 +10,8 @@ from revnm_server.service import NavigationService
 from revnm_server.tick_recorder import TickRecorder
 from revnm_server.view import RecordingView
 
+_NO_RECORD = {409: "It cannot be done now: the detail says why."}
+
 
 def recording_router(service: NavigationService) -> APIRouter:
     """Return the routes under ``/api/v1/recording``.
@@ -23,17 +25,17 @@ def recording_router(service: NavigationService) -> APIRouter:
             raise RecordingError("this server was put together without a recorder")
         return service.recorder
 
-    @router.get("", responses=responses(409))
+    @router.get("", responses=responses(_NO_RECORD))
     async def recording() -> RecordingView:
         """Tell of the record that is being written, or of the last one."""
         return recorder().view()
 
-    @router.post("/start", responses=responses(409))
+    @router.post("/start", responses=responses(_NO_RECORD))
     def start() -> RecordingView:
         """Begin a record; where one is being written, it goes on."""
         return recorder().start()
 
-    @router.post("/stop", responses=responses(409))
+    @router.post("/stop", responses=responses(_NO_RECORD))
     def stop() -> RecordingView:
         """End the record: its file is complete when this answers."""
         return recorder().stop()

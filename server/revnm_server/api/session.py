@@ -9,7 +9,11 @@ from revnm_server.api.guard import Role
 
 
 class Session(BaseModel):
-    """What the caller may do."""
+    """What the caller may do.
+
+    Attributes:
+        role: A viewer's or an operator's.
+    """
 
     role: Role
 
