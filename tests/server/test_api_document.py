@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,10 @@ def test_the_guard_lets_in_whom_the_document_names(api: Api) -> None:
         assert (said[None] == 401) == bool(operation["security"]), address
         assert (said[VIEWER] == 403) == (roles(operation) == {"operator"}), address
         assert said[OPERATOR] not in (401, 403), address
+
+
+def test_its_version_is_that_of_the_package(api: Api) -> None:
+    assert api.app.openapi()["info"]["version"] == version("revnm-server")
 
 
 def test_without_tokens_none_is_asked_for(api: Api, service: NavigationService) -> None:

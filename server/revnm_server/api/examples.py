@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic_core import to_jsonable_python
+from fastapi.encoders import jsonable_encoder
 
 from revnm_server.api.guard import Role
 from revnm_server.api.health import Health
@@ -84,7 +84,7 @@ _STATE = ServerView(
 )
 
 EXAMPLES: dict[str, Any] = {
-    operation: to_jsonable_python(answer)
+    operation: jsonable_encoder(answer)
     for operation, answer in {
         "robots_robots": [_ROVER],
         "robots_set_goal": GoalReply(robot="rover", goal=_GOAL),
