@@ -38,7 +38,7 @@ COMMANDS = [
     ("revnm-server", "models", "list"),
     ("revnm-server", "tag", "--help"),
     ("revnm-sim", "demo", "--help"),
-    ("revnm-sim", "world", "show", "warehouse", "--out", "warehouse.png"),
+    ("revnm-sim", "bench", "--help"),
     ("revnm-train", "synth", "--help"),
 ]
 
