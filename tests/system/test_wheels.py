@@ -38,7 +38,6 @@ COMMANDS = [
     ("revnm-server", "models", "list"),
     ("revnm-server", "tag", "--help"),
     ("revnm-sim", "demo", "--help"),
-    ("revnm-sim", "bench", "--help"),
     ("revnm-train", "synth", "--help"),
 ]
 
