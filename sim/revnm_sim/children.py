@@ -8,7 +8,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -33,6 +34,7 @@ class Children:
     def __init__(self, log_folder: Path) -> None:
         self._log_folder = log_folder
         self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._started: dict[str, Callable[[], subprocess.Popen[bytes]]] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -51,16 +53,23 @@ class Children:
             arguments: The command line behind the program's name.
             env: Environment variables on top of this process's own.
         """
-        code = f"import sys; from {module} import main; sys.exit(main())"
-        with self.log_path(name).open("wb") as log:
-            self._running[name] = subprocess.Popen(  # noqa: S603 - our own interpreter and modules
-                [sys.executable, "-u", "-c", code, *arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, **env},
-                start_new_session=True,
-            )
+        self.log_path(name).write_bytes(b"")
+        self._started[name] = partial(_start_process, module, arguments, env, self.log_path(name))
+        self._running[name] = self._started[name]()
+
+    def kill(self, name: str) -> None:
+        """End a child at once, as a crash would; it is not missed until it is started again."""
+        process = self._running.pop(name)
+        process.kill()
+        process.wait()
+
+    def restart(self, name: str) -> None:
+        """Start a killed child as before; its output follows that of its forerunner."""
+        self._running[name] = self._started[name]()
+
+    def send_signal(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to a child."""
+        self._running[name].send_signal(number)
 
     def pid(self, name: str) -> int:
         """Return the process number of a child that was started."""
@@ -96,3 +105,18 @@ class Children:
                 process.kill()
                 process.wait()
         self._running.clear()
+
+
+def _start_process(
+    module: str, arguments: Sequence[str], env: Mapping[str, str], log_path: Path
+) -> subprocess.Popen[bytes]:
+    code = f"import sys; from {module} import main; sys.exit(main())"
+    with log_path.open("ab") as log:
+        return subprocess.Popen(  # noqa: S603 - our own interpreter and modules
+            [sys.executable, "-u", "-c", code, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **env},
+            start_new_session=True,
+        )

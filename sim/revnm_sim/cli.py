@@ -24,7 +24,7 @@ _MEASURES = {
     "tags": ("measure how small a tag is found, how exactly, and what is taken for one", "tag_command"),
     "calibration": ("measure how well a camera calibrates itself", "calibration_command"),
     "viewers": ("measure what many who look at the page cost the server", "viewers_command"),
-    "endurance": ("measure what a server takes whose camera fails for half an hour", "endurance_command"),
+    "soak": ("measure what half an hour of random goals and faults does to the system", "soak.command"),
     "camera": ("measure how the server's camera reader bears faults", "camera_command"),
 }
 

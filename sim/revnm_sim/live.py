@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
 import cv2
 import numpy as np
@@ -25,6 +25,8 @@ from revnm_sim.truth import Truth, encode_truth, truth_key
 MAX_LAG_NS = 250_000_000
 _JPEG_QUALITY = 90
 _SCAN_HZ, _ODOMETRY_HZ, _TRUTH_HZ = 10.0, 40.0, 5.0
+
+Sensor = Literal["scan", "odometry"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +49,9 @@ class LiveSimulator:
 
     All stamps are wall-clock time of the simulated instant. When the machine is too slow, the simulation falls
     behind by at most ``MAX_LAG_NS`` and then skips time rather than hurrying after it.
+
+    Attributes:
+        silent: Sensors that publish nothing; may be changed at any time.
     """
 
     def __init__(
@@ -65,6 +70,7 @@ class LiveSimulator:
             settings: Names and rates.
             show: Also gets each picture, (H, W, 3) RGB; must return soon.
         """
+        self.silent: frozenset[Sensor] = frozenset()
         self._simulation, self._show = simulation, show
         # Render the still background and compile the ray caster before time starts to run.
         simulation.picture()
@@ -127,10 +133,14 @@ class LiveSimulator:
         return time.time_ns() - self._lag_ns()
 
     def _publish_odometry(self) -> None:
+        if "odometry" in self.silent:
+            return
         odometry = dataclasses.replace(self._simulation.odometry(), stamp_ns=self._stamp_ns())
         self._odometry.put(cdr.encode_odometry(odometry))
 
     def _publish_scan(self) -> None:
+        if "scan" in self.silent:
+            return
         scan = dataclasses.replace(self._simulation.scan(), stamp_ns=self._stamp_ns())
         self._scan.put(cdr.encode_scan(scan))
 

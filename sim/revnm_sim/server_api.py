@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from revnm_client.errors import LinkError
 from revnm_server.api_client import ServerAddress, call
@@ -33,11 +33,20 @@ class ServerApi:
         document: dict[str, Any] = call(self._address, "GET", "/api/v1/state", within_s=_TIMEOUT_S)
         return document
 
-    def set_goal(self, robot: str, *, u: float, v: float) -> None:
-        """Send a robot to a pixel (u, v).
+    def set_goal(self, robot: str, *, u: float, v: float) -> str:
+        """Send a robot to a pixel (u, v); return the goal's name.
 
         Raises:
             LinkError: The server does not answer, or refuses.
         """
         path = f"/api/v1/robots/{robot}/goal"
-        call(self._address, "PUT", path, body={"u": u, "v": v}, within_s=_TIMEOUT_S)
+        reply = call(self._address, "PUT", path, body={"u": u, "v": v}, within_s=_TIMEOUT_S)
+        return str(reply["goal"]["id"])
+
+    def order(self, robot: str, order: Literal["stop", "resume"]) -> None:
+        """Stop a robot, or let it go on.
+
+        Raises:
+            LinkError: The server does not answer, or refuses.
+        """
+        call(self._address, "POST", f"/api/v1/robots/{robot}/{order}", within_s=_TIMEOUT_S)

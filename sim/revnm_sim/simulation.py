@@ -52,7 +52,7 @@ class Simulation:
         self._due_ns = 0
         self._pose = self._physics.world_from_robot
         self._path_m = 0.0
-        self._touched = False
+        self._touching, self._contacts = False, 0
         self._closest_m = self._physics.clearance_m
 
     def __enter__(self) -> Self:
@@ -102,7 +102,12 @@ class Simulation:
     @property
     def had_contact(self) -> bool:
         """Whether the body has touched an obstacle since the start."""
-        return self._touched
+        return self._contacts > 0
+
+    @property
+    def contacts(self) -> int:
+        """How often the body began to touch an obstacle since the start."""
+        return self._contacts
 
     @property
     def clearance_m(self) -> float:
@@ -141,6 +146,8 @@ class Simulation:
         before, self._pose = self._pose, self._physics.world_from_robot
         self._path_m += math.hypot(self._pose.x_m - before.x_m, self._pose.y_m - before.y_m)
         self._odometry.update(self._physics.wheel_angles_rad, self.time_ns)
-        self._touched = self._touched or self._physics.in_contact
+        touching = self._physics.in_contact
+        self._contacts += touching and not self._touching
+        self._touching = touching
         if self._ticks % _CLEARANCE_TICKS == 0:
             self._closest_m = min(self._closest_m, self._physics.clearance_m)

@@ -23,7 +23,7 @@ def publish(results: Results, out: Path, command: str) -> str:
         The table for the terminal.
     """
     found, compared = rows(results), comparisons(results)
-    write_report(out / "report.json", found, command, comparisons=compared)
+    write_report(out / "report.json", found, command, more={"comparisons": compared})
     draw_trajectories(results, out / "trajectories.png")
     figures = ["trajectories.png"]
     if draw_ego_strip(results, out / "ego_depth.png"):

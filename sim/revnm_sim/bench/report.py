@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,11 @@ _PACKAGES = (*report.PACKAGES, "revnm-sim", "pybullet")
 
 
 def write_report(
-    path: Path, rows: Sequence[dict[str, Any]], command: str, *, comparisons: Sequence[dict[str, Any]] | None = None
+    path: Path,
+    rows: Sequence[Mapping[str, Any]],
+    command: str,
+    *,
+    more: Mapping[str, Sequence[Mapping[str, Any]]] | None = None,
 ) -> None:
     """Write a report; it appears whole or not at all.
 
@@ -23,7 +27,6 @@ def write_report(
         path: ``report.json``.
         rows: One flat object a row, snake_case keys with units.
         command: The command line that made it.
-        comparisons: One flat object per two methods, where methods are compared.
+        more: Other tables, by name.
     """
-    more = None if comparisons is None else {"comparisons": comparisons}
     report.write_report(path, rows, command, packages=_PACKAGES, more=more)
