@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import time
 from pathlib import Path
@@ -53,6 +54,31 @@ def test_child_gets_its_arguments_and_environment(children: Children) -> None:
     with children:
         children.start("curious", "curious", ["--seed", "3"], env={"COLOUR": "green"})
         wait_for_text(children.log_path("curious"), "['--seed', '3'] green")
+
+
+def test_a_killed_child_is_not_missed_and_starts_again_with_its_log_behind_it(children: Children) -> None:
+    with children:
+        children.start("patient", "patient", [], env={})
+        wait_for_text(children.log_path("patient"), "patient")
+        before = children.pid("patient")
+        children.kill("patient")
+        assert not Path(f"/proc/{before}").exists()
+        children.check()
+        children.restart("patient")
+        wait_for_text(children.log_path("patient"), "patient\npatient")
+        assert children.pid("patient") != before
+
+
+def test_a_frozen_child_is_frozen(children: Children) -> None:
+    with children:
+        children.start("patient", "patient", [], env={})
+        children.send_signal("patient", signal.SIGSTOP)
+        status = Path(f"/proc/{children.pid('patient')}/status")
+        deadline_s = time.monotonic() + 5.0
+        while "State:\tT" not in status.read_text():
+            assert time.monotonic() < deadline_s
+            threading.Event().wait(0.01)
+        children.send_signal("patient", signal.SIGCONT)
 
 
 def test_closing_ends_all(children: Children, tmp_path: Path) -> None:

@@ -119,6 +119,25 @@ def test_every_sensor_publishes_with_fresh_wall_clock_stamps(bench: Bench) -> No
         assert truth.closest_m == pytest.approx(1.0)
 
 
+def test_a_silent_sensor_publishes_nothing_and_the_others_go_on(bench: Bench) -> None:
+    bench.wait(lambda: bench.odometry.take() is not None, 5.0)
+    bench.simulator.silent = frozenset({"odometry"})
+    with (
+        LatestSubscriber(bench.session, keys.scan("rover")) as scans,
+        LatestSubscriber(bench.session, truth_key("rover")) as truths,
+    ):
+        bench.wait(lambda: scans.take() is not None, 5.0)
+        bench.odometry.take()
+        bench.wait(lambda: truths.take() is not None, 5.0)
+        bench.wait(lambda: scans.take() is not None, 5.0)
+        assert bench.odometry.take() is None
+        bench.simulator.silent = frozenset({"scan"})
+        bench.wait(lambda: bench.odometry.take() is not None, 5.0)
+        scans.take()
+        bench.wait(lambda: truths.take() is not None, 5.0)
+        assert scans.take() is None
+
+
 def test_whoever_else_films_gets_every_picture(bench: Bench) -> None:
     bench.wait(lambda: len(bench.shown) >= 3, 5.0)
     assert bench.shown[-1].shape == (240, 320, 3)

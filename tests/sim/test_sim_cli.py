@@ -48,7 +48,11 @@ class Answers(BaseHTTPRequestHandler):
     def do_PUT(self) -> None:
         body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
         known = self.path == "/api/v1/robots/rover/goal" and body == {"u": 1.5, "v": 2.0}
-        self._reply(200 if known else 404, {} if known else {"detail": "no robot of that name"})
+        self._reply(200 if known else 404, {"goal": {"id": "g1"}} if known else {"detail": "no robot of that name"})
+
+    def do_POST(self) -> None:
+        known = self.path == "/api/v1/robots/rover/stop"
+        self._reply(200 if known else 404, {} if known else {"detail": "no such order"})
 
     def log_message(self, *_: object) -> None:
         pass
@@ -75,9 +79,12 @@ def test_api_says_why_the_server_is_not_ready(api: ServerApi) -> None:
 
 
 def test_api_passes_refusals_on(api: ServerApi) -> None:
-    api.set_goal("rover", u=1.5, v=2.0)
+    assert api.set_goal("rover", u=1.5, v=2.0) == "g1"
     with pytest.raises(LinkError, match="404: no robot of that name"):
         api.set_goal("walker", u=1.5, v=2.0)
+    api.order("rover", "stop")
+    with pytest.raises(LinkError, match="404: no such order"):
+        api.order("rover", "resume")
 
 
 def test_no_server_is_not_ready() -> None:

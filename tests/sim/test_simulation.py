@@ -66,6 +66,10 @@ def test_collision_is_remembered(simulation: Simulation) -> None:
     assert simulation.had_contact
     assert simulation.closest_m == pytest.approx(0.0, abs=0.01)
     assert simulation.clearance_m > 0.3
+    before = simulation.contacts
+    assert before >= 1
+    drive(simulation, Velocity(0.5, 0.0), 3.0)
+    assert simulation.contacts > before
 
 
 def test_odometry_follows_within_its_drift(simulation: Simulation) -> None:

@@ -58,7 +58,8 @@ def run(args: argparse.Namespace) -> int:
     goal_rng, fault_rng = np.random.default_rng(args.seed).spawn(2)
     goals = GoalDraw(scenario, goal_rng)
     with running(scenario, args.seed, args.out) as system:
-        soak = _Soak(system, Operator(system, goals), fault_rng, minutes=args.minutes, every_s=args.every)
+        operator = Operator(system.api, lambda: system.place_m, goals)
+        soak = _Soak(system, operator, fault_rng, minutes=args.minutes, every_s=args.every)
         rows = list(soak.rows())
     faults, missed = fault_rows(soak.timings), [missed_goal_row(d) for d in soak.drives if not d.reached]
     verdict = verdict_of(rows, faults, ready_s=system.ready_s, undisturbed=soak.undisturbed_rows)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from revnm_sim.demo import ROBOT
+from revnm_sim.server_api import ServerApi
 from revnm_sim.site import GOAL_RADIUS_M
 from revnm_sim.soak.goals import Goal, GoalDraw
-from revnm_sim.soak.system import System
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,19 +39,24 @@ class Drive:
 class Operator:
     """Sends a robot to random goals.
 
+    Args:
+        api: The server's.
+        place_m: Tells where the robot truly is, (x, y), world frame.
+        goals: Where to.
+
     Attributes:
         drives: Those that have ended.
     """
 
-    def __init__(self, system: System, goals: GoalDraw) -> None:
+    def __init__(self, api: ServerApi, place_m: Callable[[], tuple[float, float]], goals: GoalDraw) -> None:
         self.drives: list[Drive] = []
-        self._system, self._goals = system, goals
-        self._send(goals.draw(system.place_m))
+        self._api, self._place_m, self._goals = api, place_m, goals
+        self._send(goals.draw(place_m()))
 
     def look(self, robot: dict[str, Any]) -> None:
         """Look at what the server says of the robot; where it has arrived, or is too late, send it on."""
         if robot["status"] == "arrived" and robot["goal"] is not None and robot["goal"]["id"] == self._goal_id:
-            off_m = math.dist(self._goal.place_m, self._system.place_m)
+            off_m = math.dist(self._goal.place_m, self._place_m())
             right = off_m <= GOAL_RADIUS_M
             self._end(reached=right, reason="" if right else f"the server says arrived {off_m:.2f} m away")
         elif time.monotonic() > self._deadline_s:
@@ -62,11 +68,11 @@ class Operator:
 
     def resume(self) -> None:
         """Release the robot's stop and send it to its goal again."""
-        self._system.api.order(ROBOT, "resume")
+        self._api.order(ROBOT, "resume")
         self._point()
 
     def _end(self, *, reached: bool, reason: str) -> None:
-        place_m = self._system.place_m
+        place_m = self._place_m()
         self.drives.append(Drive(self._goal, reached, place_m, reason))
         self._send(self._goals.draw(place_m))
 
@@ -76,4 +82,4 @@ class Operator:
 
     def _point(self) -> None:
         u, v = self._goal.pixel
-        self._goal_id = self._system.api.set_goal(ROBOT, u=u, v=v)
+        self._goal_id = self._api.set_goal(ROBOT, u=u, v=v)
