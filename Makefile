@@ -7,6 +7,7 @@
 # make wheels   builds the four packages into dist/; make test-wheels installs them from there into a new environment and runs them
 # make bandit   looks for insecure code; make audit also asks PyPI for known vulnerabilities of what constraints.txt pins
 # make api-docs   writes docs/api.md
+# make soak   random goals and random faults for half an hour: MINUTES=n, SEED=n; the report goes to out/soak
 # make train  makes data and trains the edge models from nothing (three hours on two cores), into runs/
 
 PYTHON ?= python3
@@ -14,10 +15,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 SEED ?= 0
+MINUTES ?= 30
 JOBS ?= 2
 TRAIN := $(BIN)/revnm-train
 
-.PHONY: demo check format test test-training test-wheels test-slow browser wheels bandit audit api-docs train clean
+.PHONY: demo check format test test-training test-wheels test-slow browser wheels bandit audit api-docs soak train clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/revnm-sim demo --seed $(SEED) $(if $(HEADLESS),--headless) $(if $(PLANNER),--planner $(PLANNER))
@@ -64,6 +66,9 @@ audit: bandit
 api-docs: $(VENV)/dev.stamp
 	$(BIN)/python docs/api_reference.py > docs/api.partial
 	mv docs/api.partial docs/api.md
+
+soak: $(VENV)/run.stamp
+	$(BIN)/revnm-sim soak --minutes $(MINUTES) --seed $(SEED) --out out/soak
 
 train: $(VENV)/dev.stamp
 	$(TRAIN) synth --episodes 6000 --seed 20 --out data/edge --jobs $(JOBS)

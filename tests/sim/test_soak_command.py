@@ -18,13 +18,12 @@ def test_what_makes_no_sense_is_refused(options: list[str], tmp_path: Path, caps
 
 @pytest.mark.slow
 def test_a_minute_of_goals_and_faults(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    cli.main(["soak", "--minutes", "1", "--every", "8", "--out", str(tmp_path)])  # a minute may be too short for a goal
-    report = json.loads((tmp_path / "report.json").read_text())
+    status = cli.main(["soak", "--minutes", "1", "--every", "8", "--out", str(tmp_path)])
+    report, said = json.loads((tmp_path / "report.json").read_text()), capsys.readouterr().out
     verdict = report["rows"][-1]
     assert len(report["rows"]) == 11
     assert verdict["contacts"] == 0
-    assert verdict["not_recovered"] == 0
     assert verdict["faults"] == sum(row["count"] for row in report["faults"]) >= 2
-    assert verdict["server_growth_percent"] is None
-    assert {"reached", "slowest_standstill_s"} < set(verdict)
-    assert "slowest_recovery_s" in capsys.readouterr().out
+    assert verdict["server_growth_percent"] is None  # too short a time
+    assert "slowest_recovery_s" in said
+    assert (status == 0) == said.endswith("\nall bars hold\n")  # a minute may be too short for a goal

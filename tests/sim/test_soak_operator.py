@@ -25,6 +25,7 @@ class Server:
     api: ServerApi
     asked: list[tuple[str, Any]] = field(default_factory=list)
     place_m: tuple[float, float] = (-2.0, 0.0)
+    status: int = 200
 
 
 @pytest.fixture
@@ -40,7 +41,7 @@ def server() -> Iterator[Server]:
 
         def _note(self, body: Any) -> None:
             made.asked.append((self.path, body))
-            self.send_response(200)
+            self.send_response(made.status)
             self.end_headers()
             self.wfile.write(json.dumps({"goal": {"id": f"g{len(made.asked)}"}}).encode())
 
@@ -99,6 +100,20 @@ def test_who_is_too_late_is_told_with_the_server_s_reason_and_sent_on(server: Se
     operator.look(view("driving", "g2"))
     assert len(operator.drives) == 1
     assert len(server.asked) == 2
+
+
+def test_a_goal_that_the_server_does_not_take_is_given_again(server: Server, operator: Operator) -> None:
+    server.place_m, server.status = place_of(server.asked[0]), 409
+    operator.look(view("arrived", "g1"))
+    operator.look(view("arrived", "g1"))
+    server.status = 200
+    operator.look(view("arrived", "g1"))
+    first, *again = (body for _, body in server.asked)
+    assert again == [again[0]] * 3
+    assert again[0] != first
+    operator.look(view("driving", "g4"))
+    assert len(operator.drives) == 1
+    assert len(server.asked) == 4
 
 
 def test_after_a_stop_the_robot_is_released_and_goes_on_to_its_goal(server: Server, operator: Operator) -> None:

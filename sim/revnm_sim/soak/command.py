@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import threading
 import time
@@ -13,8 +14,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from revnm_client.errors import ConfigError
+from revnm_client.errors import ConfigError, LinkError
 from revnm_sim.bench.report import make_folder, table, write_report
+from revnm_sim.children import ChildError
 from revnm_sim.scenario import demo_scenario
 from revnm_sim.soak.faults import Fault, FaultTiming, faults_of, inflict, shuffled
 from revnm_sim.soak.figures import (
@@ -57,18 +59,29 @@ def run(args: argparse.Namespace) -> int:
     scenario = demo_scenario(args.seed)
     goal_rng, fault_rng = np.random.default_rng(args.seed).spawn(2)
     goals = GoalDraw(scenario, goal_rng)
-    with running(scenario, args.seed, args.out) as system:
-        operator = Operator(system.api, lambda: system.place_m, goals)
-        soak = _Soak(system, operator, fault_rng, minutes=args.minutes, every_s=args.every)
-        rows = list(soak.rows())
+    rows: list[dict[str, Any]] = []
+    broken: list[str] = []
+    try:
+        with running(scenario, args.seed, args.out) as system:
+            operator = Operator(system.api, lambda: system.place_m, goals)
+            soak = _Soak(system, operator, fault_rng, minutes=args.minutes, every_s=args.every)
+            rows.extend(soak.rows())  # those before an error count
+    except (ChildError, LinkError) as error:
+        if not rows:
+            raise
+        broken.append(f"ended early: {error}")
+    return _report(args, soak, rows, broken)
+
+
+def _report(args: argparse.Namespace, soak: _Soak, rows: list[dict[str, Any]], broken: list[str]) -> int:
     faults, missed = fault_rows(soak.timings), [missed_goal_row(d) for d in soak.drives if not d.reached]
-    verdict = verdict_of(rows, faults, ready_s=system.ready_s, undisturbed=soak.undisturbed_rows)
+    verdict = verdict_of(rows, faults, ready_s=soak.ready_s, undisturbed=soak.undisturbed_rows)
     options = ["--minutes", f"{args.minutes:g}", "--every", f"{args.every:g}", "--seed", str(args.seed)]
     command = shlex.join(["revnm-sim", "soak", *options])
     write_report(args.out / "report.json", [*rows, verdict], command, more={"faults": faults, "missed_goals": missed})
-    broken = broken_bars(verdict)
-    said = broken or ["all bars hold"]
-    print(*(table(each) for each in (rows, faults, missed, [verdict]) if each), *said, sep="\n\n")
+    broken = [*broken, *broken_bars(verdict)]
+    print(*(table(each) for each in (rows, faults, missed, [verdict]) if each), sep="\n\n")
+    print("", *(broken or ["all bars hold"]), sep="\n")
     return _FAILED if broken else 0
 
 
@@ -94,6 +107,11 @@ class _Soak:
         self._due_s = self._began_s + every_s
         self._latencies = Latencies()
         self._before = {"contacts": 0, **counts([], [])}
+
+    @property
+    def ready_s(self) -> float:
+        """After how long the server was ready at first."""
+        return self._system.ready_s
 
     @property
     def drives(self) -> list[Drive]:
@@ -143,6 +161,7 @@ class _Soak:
         self._before = now = {"contacts": self._system.simulation.contacts, **counts(self.drives, self.timings)}
         return {
             "minute": round((time.monotonic() - self._began_s) / 60.0, 1),
+            "load": round(os.getloadavg()[0], 1),
             **{key: now[key] - before[key] for key in now},
             **{
                 k: v

@@ -118,7 +118,7 @@ def verdict_of(
         ready_s: After how long the server was ready.
         undisturbed: How many of the last rows are of processes that were not killed any more: of these the growth.
     """
-    last = rows[len(rows) - undisturbed :]
+    last = rows[len(rows) - undisturbed :] or rows
     ended = {key: sum(row[key] for row in rows) for key in ("reached", "missed", "contacts", "faults", "restarts")}
     drives = ended["reached"] + ended["missed"]
     return {

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from revnm_client.errors import LinkError
 from revnm_sim.demo import ROBOT
 from revnm_sim.server_api import ServerApi
 from revnm_sim.site import GOAL_RADIUS_M
@@ -55,7 +57,9 @@ class Operator:
 
     def look(self, robot: dict[str, Any]) -> None:
         """Look at what the server says of the robot; where it has arrived, or is too late, send it on."""
-        if robot["status"] == "arrived" and robot["goal"] is not None and robot["goal"]["id"] == self._goal_id:
+        if self._goal_id is None:
+            self._point()
+        elif robot["status"] == "arrived" and robot["goal"] is not None and robot["goal"]["id"] == self._goal_id:
             off_m = math.dist(self._goal.place_m, self._place_m())
             right = off_m <= GOAL_RADIUS_M
             self._end(reached=right, reason="" if right else f"the server says arrived {off_m:.2f} m away")
@@ -81,5 +85,8 @@ class Operator:
         self._point()
 
     def _point(self) -> None:
+        """Tell the server the goal; where it takes none, as before its first picture, the next look tries again."""
         u, v = self._goal.pixel
-        self._goal_id = self._api.set_goal(ROBOT, u=u, v=v)
+        self._goal_id: str | None = None
+        with suppress(LinkError):
+            self._goal_id = self._api.set_goal(ROBOT, u=u, v=v)

@@ -25,7 +25,7 @@ from revnm_sim.simulation import TAG_ID, Simulation
 from revnm_sim.soak.bridge import open_bridge
 from revnm_sim.soak.relay import Relay
 
-FPS = 5.0
+FPS = 10.0
 _POLL_S = 0.05
 _READY_WITHIN_S = 120.0
 _ROBOT_YAML = """\
