@@ -157,17 +157,14 @@ class _Soak:
         return now_s - self._began_s < _KILLING_SHARE * self._length_s
 
     def _row(self) -> dict[str, Any]:
-        before = self._before
+        before, pid = self._before, self._system.children.pid
         self._before = now = {"contacts": self._system.simulation.contacts, **counts(self.drives, self.timings)}
         return {
             "minute": round((time.monotonic() - self._began_s) / 60.0, 1),
             "load": round(os.getloadavg()[0], 1),
             **{key: now[key] - before[key] for key in now},
-            **{
-                k: v
-                for name in ("server", "robot")
-                for k, v in process_row(name, self._system.children.pid(name)).items()
-            },
+            **process_row("server", pid("server")),
+            **process_row("robot", pid("robot")),
             **self._latencies.take(),
         }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -125,10 +126,12 @@ def inflict(fault: Fault, system: System, *, hold_s: float) -> FaultTiming:
 
     Raises:
         ChildError: A process has ended by itself.
+        LinkError: The server takes no order of the operator's.
     """
     began_s = time.monotonic()
-    fault.begin()
-    moved_s = last_motion_s(system.simulation, until_s=began_s + hold_s)
+    with ThreadPoolExecutor(1) as pool:  # the robot may stand before a server has answered
+        watched = pool.submit(last_motion_s, system.simulation, until_s=began_s + hold_s)
+        fault.begin()
     fault.end()
     ended_s = time.monotonic()
     works = wait(system.works, within_s=_PATIENCE_S)
@@ -136,6 +139,6 @@ def inflict(fault: Fault, system: System, *, hold_s: float) -> FaultTiming:
         fault.kind,
         fault.takes_plan,
         fault.kills,
-        moved_s - began_s if moved_s is not None else None,
+        None if (moved_s := watched.result()) is None else moved_s - began_s,
         time.monotonic() - ended_s if works else None,
     )
