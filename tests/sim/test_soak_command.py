@@ -23,7 +23,7 @@ def test_a_minute_of_goals_and_faults(tmp_path: Path, capsys: pytest.CaptureFixt
     verdict = report["rows"][-1]
     assert len(report["rows"]) == 11
     assert verdict["contacts"] == 0
-    assert verdict["faults"] == sum(row["count"] for row in report["faults"]) >= 2
+    assert verdict["faults"] == sum(row["count"] for row in report["faults"]) >= 1
     assert verdict["server_growth_percent"] is None  # too short a time
     assert "slowest_recovery_s" in said
     assert (status == 0) == said.endswith("\nall bars hold\n")  # a minute may be too short for a goal
