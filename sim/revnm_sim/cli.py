@@ -32,9 +32,10 @@ _MEASURES = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return the exit status: 2 for what the person who called can mend, 130 after Ctrl-C.
 
-    SIGTERM is like Ctrl-C: what a command has started ends with it.
+    SIGTERM and the end of the terminal are like Ctrl-C: what a command has started ends with it.
     """
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in _endings():
+        signal.signal(number, signal.default_int_handler)
     words = list(sys.argv[1:] if argv is None else argv)
     arguments = _parser(words).parse_args(words)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
@@ -126,9 +127,15 @@ def _demo(arguments: argparse.Namespace) -> int:
 
 def _stop_on_signals() -> threading.Event:
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in _endings():
         signal.signal(number, lambda *_: stop.set())
     return stop
+
+
+def _endings() -> list[signal.Signals]:
+    """Return the signals that ask to end; the terminal's end is none under nohup."""
+    asking = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    return [number for number in asking if signal.getsignal(number) is not signal.SIG_IGN]
 
 
 def _seed(text: str) -> int:

@@ -1,11 +1,16 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import pytest
+from tests.server.free_port import free_port
 
 from revnm_client.errors import LinkError
 from revnm_sim.cli import main
@@ -27,6 +32,19 @@ def test_wrong_options_are_refused(words: list[str], capsys: pytest.CaptureFixtu
 def test_malformed_endpoint_is_an_error_that_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--connect", "nonsense"]) == 2
     assert "nonsense" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_command_ends_when_it_is_told_to_or_its_terminal_is_closed(number: signal.Signals) -> None:
+    command = [Path(sys.executable).with_name("revnm-sim"), "run", "--connect", f"tcp/127.0.0.1:{free_port()}"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            assert any("waiting for" in line for line in process.stderr)
+            process.send_signal(number)
+            assert process.wait(20.0) == 0
+        finally:
+            process.kill()
 
 
 def test_bench_shows_its_own_options(capsys: pytest.CaptureFixture[str]) -> None:
