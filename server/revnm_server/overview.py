@@ -74,6 +74,7 @@ class Overview:
 
     def _assemble(self, status: CameraStatus, ticks: Remembered, robots: list[RobotView]) -> ServerView:
         site, reasons, frame = ticks.site, self._unready(status, ticks.fault), self._camera.latest()
+        recording = self._recording() if self._recording is not None else None
         return ServerView(
             camera=CameraView(
                 url=self._camera.redacted_url,
@@ -89,14 +90,15 @@ class Overview:
             timings_ms=ticks.timings,
             ready=not reasons,
             reasons=reasons,
-            warnings=self._warnings(status, site),
+            warnings=self._warnings(status, site, recording),
             rejected=self._rejected(status) | (site.rejected if site is not None else {}),
             robot_size_m=self._robot_size_m,
-            recording=self._recording() if self._recording is not None else None,
+            recording=recording,
         )
 
-    def _warnings(self, status: CameraStatus, site: SiteReport | None) -> list[str]:
-        passing = [text for text in (status.warning, self._mission.save_error) if text is not None]
+    def _warnings(self, status: CameraStatus, site: SiteReport | None, recording: RecordingView | None) -> list[str]:
+        unrecorded = recording.reason if recording is not None else None
+        passing = [text for text in (status.warning, self._mission.save_error, unrecorded) if text is not None]
         return [*self._notes, *passing, *(site.warnings if site is not None else ())]
 
     def _rejected(self, status: CameraStatus) -> dict[str, int]:

@@ -50,3 +50,19 @@ def test_the_recorder_sees_what_the_service_does(router: zenoh.Session, tmp_path
     assert 3 <= len(led) <= len(sent)
     assert any("tick failed" in line.msg for line in messages["/rosout"])
     assert any(status.name == "revnm: robot rover" for array in messages["/diagnostics"] for status in array.status)
+
+
+def test_a_record_that_is_not_written_is_a_warning_on_the_page(router: zenoh.Session, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("a file")
+    camera = open_camera("zenoh://cam", router)
+    with recorder(router, tmp_path / "taken", from_start=True) as made:
+        service = NavigationService(
+            router, camera=camera, pipeline=FakePipeline(), mission=Mission(["rover"]), recorder=made
+        )
+        service.start()
+        shown = service.view()
+        service.close()
+        camera.close()
+    assert shown.recording is not None
+    assert "File exists" in str(shown.recording.reason)
+    assert shown.warnings == [shown.recording.reason]
