@@ -8,6 +8,7 @@
 # make bandit   looks for insecure code; make audit also asks PyPI for known vulnerabilities of what constraints.txt pins
 # make api-docs   writes docs/api.md
 # make soak   random goals and random faults for half an hour: MINUTES=n, SEED=n; the report goes to out/soak
+# make network   installs iproute2 (Debian, as root), without which the tests across several hosts are skipped
 # make train  makes data and trains the edge models from nothing (three hours on two cores), into runs/
 
 PYTHON ?= python3
@@ -19,7 +20,7 @@ MINUTES ?= 30
 JOBS ?= 2
 TRAIN := $(BIN)/revnm-train
 
-.PHONY: demo check format test test-training test-wheels test-slow browser wheels bandit audit api-docs soak train clean
+.PHONY: demo check format test test-training test-wheels test-slow browser wheels bandit audit api-docs soak network train clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/revnm-sim demo --seed $(SEED) $(if $(HEADLESS),--headless) $(if $(PLANNER),--planner $(PLANNER))
@@ -69,6 +70,9 @@ api-docs: $(VENV)/dev.stamp
 
 soak: $(VENV)/run.stamp
 	$(BIN)/revnm-sim soak --minutes $(MINUTES) --seed $(SEED) --out out/soak
+
+network:
+	command -v ip >/dev/null || { apt-get update -qq && apt-get install -y -qq --no-install-recommends iproute2; }
 
 train: $(VENV)/dev.stamp
 	$(TRAIN) synth --episodes 6000 --seed 20 --out data/edge --jobs $(JOBS)

@@ -17,9 +17,17 @@ _ENV = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 class Process:
     """Runs a command until it ends or the block is left; a context manager."""
 
-    def __init__(self, program: str, arguments: Sequence[str], *, log: Path) -> None:
+    def __init__(self, program: str, arguments: Sequence[str], *, log: Path, prefix: Sequence[str] = ()) -> None:
+        """Start it.
+
+        Args:
+            program: Beside this Python.
+            arguments: Of the program.
+            log: What it says is added to this.
+            prefix: What stands before the command; it must become the command, not start it.
+        """
         self._log = log
-        command = [str(Path(sys.executable).with_name(program)), *arguments]
+        command = [*prefix, str(Path(sys.executable).with_name(program)), *arguments]
         with log.open("ab") as output:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env={**os.environ, **_ENV}
