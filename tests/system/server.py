@@ -24,27 +24,38 @@ class Server:
         listen: Where it listens, from its next start on.
     """
 
-    def __init__(self, folder: Path, *, listen: str, http: str, options: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        listen: str,
+        http: str,
+        camera: str = f"zenoh://{CAMERA}",
+        options: Sequence[str] = (),
+        prefix: Sequence[str] = (),
+    ) -> None:
         """Prepare it.
 
         Args:
             folder: For the bundle, the log and the state file.
             listen: Zenoh endpoint.
             http: Host and port of page and API.
+            camera: Address of the camera.
             options: More for the command.
+            prefix: What stands before the command, as :class:`Process` takes it.
         """
         self.process: Process
         self.listen, self.url = listen, f"http://{http}"
-        self._folder, self._options = folder, options
+        self._folder, self._camera, self._options, self._prefix = folder, camera, options, prefix
         self._bundle = write_tiny_bundle(folder / "bundle")
         self._http = httpx.Client(base_url=self.url, timeout=5.0, trust_env=False)
 
     def start(self) -> Process:
         """Start it and wait until it answers; also after it was killed."""
         arguments = ["serve", "--listen", self.listen, "--http", self.url.removeprefix("http://")]
-        arguments += ["--camera", f"zenoh://{CAMERA}", "--robot", f"{ROBOT}={TAG_ID}"]
+        arguments += ["--camera", self._camera, "--robot", f"{ROBOT}={TAG_ID}"]
         arguments += ["--bundle", str(self._bundle), "--state-file", str(self.state_file), *self._options]
-        self.process = Process("revnm-server", arguments, log=self._folder / "server.log")
+        self.process = Process("revnm-server", arguments, log=self._folder / "server.log", prefix=self._prefix)
         eventually(self._answers, within_s=90.0)
         return self.process
 
