@@ -10,8 +10,8 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def eventually(condition: Callable[[], T], *, within_s: float = 10.0) -> T:
-    """Return what ``condition`` returns as soon as it is true; fail after ``within_s``."""
+def eventually(condition: Callable[[], T], *, within_s: float = 10.0, every_s: float = 0.01) -> T:
+    """Return what ``condition`` returns as soon as it is true; ask ``every_s``, fail after ``within_s``."""
     deadline_s = time.monotonic() + within_s
     pause = threading.Event()
     while True:
@@ -19,4 +19,4 @@ def eventually(condition: Callable[[], T], *, within_s: float = 10.0) -> T:
         if value:
             return value
         assert time.monotonic() < deadline_s, f"not within {within_s} s; last value: {value!r}"
-        pause.wait(0.01)
+        pause.wait(every_s)
