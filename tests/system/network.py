@@ -69,20 +69,19 @@ def namespace(name: str) -> Iterator[Namespace]:
 
 
 @contextmanager
-def tun(name: str = "revnm%d", *, inside: Namespace | None = None) -> Iterator[Tun]:
+def tun(name: str, *, inside: Namespace | None = None) -> Iterator[Tun]:
     """Make an end of a cable, here or inside of a namespace.
 
     Args:
-        name: Of the interface; ``%d`` becomes a number that is free here.
+        name: Of the interface; nobody here may have it.
         inside: Where; None is here.
     """
     device = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK)
     try:
-        request = fcntl.ioctl(device, _TUNSETIFF, struct.pack("16sH22x", name.encode(), _IFF_TUN | _IFF_NO_PI))
-        end = Tun(device, request[:16].rstrip(b"\0").decode())
+        fcntl.ioctl(device, _TUNSETIFF, struct.pack("16sH22x", name.encode(), _IFF_TUN | _IFF_NO_PI))
         if inside is not None:
-            _ip("link", "set", end.name, "netns", inside.name)
-        yield end
+            _ip("link", "set", name, "netns", inside.name)
+        yield Tun(device, name)
     finally:
         os.close(device)  # the interface goes with it
 
@@ -124,8 +123,9 @@ def _lack() -> str | None:
     """Return why there can be no namespaces; None where there can be."""
     if shutil.which("ip") is None:
         return "no command ip: make network installs iproute2"
+    name = f"revnm-{os.getpid()}"
     try:
-        with namespace(f"revnm-{os.getpid()}-try") as there, tun(inside=there):
+        with namespace(name) as there, tun(name, inside=there):
             return None
     except subprocess.CalledProcessError as error:
         return f"no network namespaces: {error.stderr.strip() or error}"

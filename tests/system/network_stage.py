@@ -88,11 +88,12 @@ def start_router(folder: Path, endpoint: str, site: Site) -> Process:
 
 
 @contextmanager
-def network_stage(folder: Path) -> Iterator[NetworkStage]:
+def network_stage(folder: Path, *, by_own_router: bool = False) -> Iterator[NetworkStage]:
     """Start everything.
 
     Args:
         folder: For the bundle, the logs, the settings and the state file.
+        by_own_router: Whether the robot's client hears the server through the robot's own router, too.
     """
     records, router_endpoint = folder / "records", f"tcp/127.0.0.1:{free_port()}"
     with ExitStack() as stack:
@@ -116,14 +117,15 @@ def network_stage(folder: Path) -> Iterator[NetworkStage]:
         simulator = stack.enter_context(LiveSimulator(simulation, session, settings, show=camera.show))
         stack.enter_context(at_work(simulator))
         server.start()
-        robot = stack.enter_context(_robot(folder, where, router_endpoint))
+        servers = [router_endpoint] if by_own_router else [where.endpoint(host) for host in SERVER_HOSTS]
+        robot = stack.enter_context(_robot(folder, servers, router_endpoint))
         system = NetworkStage(simulation, simulator, server, robot, where, folder, router, router_endpoint, records)
         stack.callback(lambda: system.router.__exit__())  # a later one
         yield system
 
 
-def _robot(folder: Path, where: Site, router_endpoint: str) -> Process:
-    servers = ", ".join(map(where.endpoint, SERVER_HOSTS))
-    (folder / "robot.yaml").write_text(_ROBOT_YAML.format(robot=ROBOT, servers=servers, router=router_endpoint))
+def _robot(folder: Path, servers: list[str], router: str) -> Process:
+    settings = _ROBOT_YAML.format(robot=ROBOT, servers=", ".join(servers), router=router)
+    (folder / "robot.yaml").write_text(settings)
     arguments = ["run", "--config", str(folder / "robot.yaml")]
     return Process("revnm-robot", arguments, log=folder / "robot.log")

@@ -22,6 +22,8 @@ class Server:
     Attributes:
         process: The one that was started last.
         listen: Where it listens, from its next start on.
+        url: Address of page and API.
+        camera: Address of its camera.
     """
 
     def __init__(
@@ -46,14 +48,15 @@ class Server:
         """
         self.process: Process
         self.listen, self.url = listen, f"http://{http}"
-        self._folder, self._camera, self._options, self._prefix = folder, camera, options, prefix
+        self.camera = camera
+        self._folder, self._options, self._prefix = folder, options, prefix
         self._bundle = write_tiny_bundle(folder / "bundle")
         self._http = httpx.Client(base_url=self.url, timeout=5.0, trust_env=False)
 
     def start(self) -> Process:
         """Start it and wait until it answers; also after it was killed."""
         arguments = ["serve", "--listen", self.listen, "--http", self.url.removeprefix("http://")]
-        arguments += ["--camera", self._camera, "--robot", f"{ROBOT}={TAG_ID}"]
+        arguments += ["--camera", self.camera, "--robot", f"{ROBOT}={TAG_ID}"]
         arguments += ["--bundle", str(self._bundle), "--state-file", str(self.state_file), *self._options]
         self.process = Process("revnm-server", arguments, log=self._folder / "server.log", prefix=self._prefix)
         eventually(self._answers, within_s=90.0)

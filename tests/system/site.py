@@ -9,11 +9,13 @@ import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from .emulated_link import EmulatedLink
 from .network import Namespace, cable, give_address, namespace, tun
 
 _PORT = 7447
+_MOST_SITES = 128
 _SEED = 0
 
 SERVER_HOSTS = 2, 3
@@ -41,14 +43,20 @@ class Site:
         return f"tcp/{self.subnets[0]}.{host}:{_PORT}"
 
 
+def _free_number() -> int:
+    """Return a number whose interfaces are not there: neither another test's, nor those of one that was killed."""
+    names = {path.name for path in Path("/sys/class/net").iterdir()}
+    return next(number for number in range(_MOST_SITES) if not {f"revnm{number}", f"revnm{number}c"} & names)
+
+
 @contextmanager
 def site() -> Iterator[Site]:
     """Wire two machines."""
     with ExitStack() as stack:
-        here = stack.enter_context(tun())
-        number = int(here.name.removeprefix("revnm"))
+        number = _free_number()
+        here = stack.enter_context(tun(f"revnm{number}"))
         edge = stack.enter_context(namespace(f"{here.name}-{os.getpid()}"))
-        there = stack.enter_context(tun(inside=edge))
+        there = stack.enter_context(tun(f"revnm{number}e", inside=edge))
         subnets = f"198.18.{2 * number}", f"198.18.{2 * number + 1}"
         give_address(here.name, f"{subnets[0]}.1/24")
         give_address(there.name, f"{subnets[0]}.{SERVER_HOSTS[0]}/24", inside=edge)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from tests.server.waiting import eventually
 
-from .hall import SCENARIO
+from .hall import ROBOT, SCENARIO
 from .network import give_address, require_namespaces
 from .network_stage import NetworkStage, network_stage
 from .server import Server
@@ -50,6 +50,8 @@ def test_of_two_servers_the_robot_follows_the_first_until_that_is_done(tmp_path:
         first, gauge = system.server, SpeedGauge(system.simulation)
         for server in (first, rival):
             eventually(server.ready, within_s=30.0, every_s=ASK_EVERY_S)
+        for order in ("stop", "resume"):  # the rival, which has not heard of it, must catch up with the epoch
+            assert first.call("POST", f"/api/v1/robots/{ROBOT}/{order}").status_code == 200
         goal = first.set_goal().json()["goal"]
         gauge.wait_faster(0.2, within_s=15.0)
         assert rival.set_goal(BEHIND_M).status_code == 200
