@@ -22,6 +22,7 @@ from revnm_client.errors import ConfigError, LinkError, MessageError
 _log = logging.getLogger(__name__)
 
 LEASE_MS = 3000
+OPEN_MS = 4000
 MAX_MESSAGE_BYTES = 8 * 1024 * 1024
 _WAITING = 16
 _RETRY_FIRST_S = 0.2
@@ -31,7 +32,10 @@ MessageT = TypeVar("MessageT")
 
 
 def _config(mode: str, *, listen: Sequence[str], connect: Sequence[str], security: Mapping[str, Any]) -> zenoh.Config:
-    """Return the settings of both ends; each side notices a dead link by the other's lease."""
+    """Return the settings of both ends; each side notices a dead link by the other's lease.
+
+    An endpoint that does not answer is given up after ``OPEN_MS``, not Zenoh's ten seconds: the next may answer.
+    """
     retry = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
     settings = {
         "mode": mode,
@@ -42,6 +46,7 @@ def _config(mode: str, *, listen: Sequence[str], connect: Sequence[str], securit
         "scouting/gossip/enabled": False,
         "scouting/delay": 0,
         "transport/shared_memory/enabled": False,
+        "transport/unicast/open_timeout": OPEN_MS,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
         "adminspace/enabled": False,

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import socket
 import threading
 import time
 
@@ -120,6 +121,13 @@ def test_the_client_waits_for_its_router(endpoint, eventually):
         waiting.join(timeout=10.0)
         assert opened
         opened[0].close()
+
+
+def test_an_endpoint_that_says_nothing_does_not_keep_the_client_from_the_next(endpoint, router):
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        begin_s = time.monotonic()
+        with link.open_client([f"tcp/127.0.0.1:{silent.getsockname()[1]}", endpoint]):
+            assert time.monotonic() - begin_s < 8.0  # Zenoh by itself waits ten
 
 
 def test_waiting_for_a_router_can_be_given_up(endpoint):
