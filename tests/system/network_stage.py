@@ -107,7 +107,7 @@ def network_stage(folder: Path, *, by_own_router: bool = False) -> Iterator[Netw
             listen=where.endpoint(SERVER_HOSTS[0]),
             http=f"{where.subnets[1]}.2:{_HTTP_PORT}",
             camera=camera.url,
-            options=["--insecure-http", "--config", str(folder / "server.yaml")],
+            options=["--insecure-http", "--insecure-zenoh", "--config", str(folder / "server.yaml")],
             prefix=where.edge.prefix,
         )
         stack.callback(server.close)
