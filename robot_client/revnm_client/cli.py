@@ -22,7 +22,7 @@ _HELP = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit status: the command's, or 2 where the user can mend what is wrong."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options = _parser(words).parse_args(words)
+    options = build_parser(words).parse_args(words)
     try:
         return int(options.run(options))
     except RevnmError as error:
@@ -30,7 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
 
 
-def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
+def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser for a command line; only the options of the command that it names are there."""
     parser = argparse.ArgumentParser(prog="revnm-robot", description="ReVNM on the robot.")
     parser.add_argument("--version", action=VersionAction, const="revnm-client")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")

@@ -26,7 +26,7 @@ _HELP = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit status: the command's, or 2 where the user can mend what is wrong."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options = _parser(words).parse_args(words)
+    options = build_parser(words).parse_args(words)
     try:
         return int(options.run(options))
     except RevnmError as error:
@@ -34,7 +34,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
 
 
-def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
+def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser for a command line; only the options of the command that it names are there."""
     parser = argparse.ArgumentParser(
         prog="revnm-server", description="A camera on the wall guides robots without cameras."
     )

@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for number in _endings():
         signal.signal(number, signal.default_int_handler)
     words = list(sys.argv[1:] if argv is None else argv)
-    arguments = _parser(words).parse_args(words)
+    arguments = build_parser(words).parse_args(words)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
         return int(arguments.run(arguments))
@@ -49,7 +49,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _INTERRUPTED
 
 
-def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
+def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser for a command line; only the options of the command that it names are there."""
     parser = argparse.ArgumentParser(prog="revnm-sim", description="The ReVNM simulator.")
     parser.add_argument("--version", action=VersionAction, const="revnm-sim")
     commands = parser.add_subparsers(dest="command", required=True)

@@ -19,7 +19,7 @@ from revnm_training.preset import load_preset
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status: 0 done, 1 failed, 130 stopped by a signal with the state saved."""
-    options = _parser().parse_args(arguments)
+    options = build_parser().parse_args(arguments)
     try:
         status: int = options.command(options)
     except RevnmError as error:
@@ -31,7 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return status
 
 
-def _parser() -> argparse.ArgumentParser:
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of every command."""
     parser = argparse.ArgumentParser(prog="revnm-train", description=__doc__)
     parser.add_argument("--version", action=VersionAction, const="revnm-training")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
