@@ -24,6 +24,10 @@ _PROGRAMS = ("revnm-robot", "revnm-server", "revnm-sim", "revnm-train")
 _ALONE = ("unshare", "--user", "--map-root-user", "--net", "sh", "-c", 'ip link set lo up && exec "$@"', "sh")
 
 
+_PIECES = re.compile(r"(…|[\d.,]*\d)")
+_NUMBER = r"[\d.,]*\d"
+
+
 def clone(folder: Path) -> Path:
     """Copy what a clone would have, with a .venv that is this test's environment and can install nothing."""
     ignored = [line.strip("/") for line in (ROOT / ".gitignore").read_text().split()]
@@ -93,14 +97,14 @@ class Reader:
         eventually(lambda: done.exists() or self._over(), within_s=within_s)
         return self._checked(done, seen)
 
-    def start(self, text: str, *, until: str, within_s: float) -> None:
-        """Run a command that does not end by itself, wait until it prints a text, and press Ctrl-C."""
+    def start(self, text: str, *, until: str, within_s: float) -> str:
+        """Run a command that does not end by itself, wait until it prints a text, and press Ctrl-C; as :meth:`type`."""
         seen, done = len(self.output), self._begin(f"{{\n{text}\n}} || [ $? = 130 ]")
         eventually(lambda: until in self.output[seen:] or done.exists() or self._over(), within_s=within_s)
         assert until in self.output[seen:], f"ended before it printed {until!r}:\n{self.output[seen:]}"
         self._signal(signal.SIGINT)
         eventually(lambda: done.exists() or self._over(), within_s=20.0)
-        self._checked(done, seen)
+        return self._checked(done, seen)
 
     def _begin(self, text: str) -> Path:
         number = len(list(self._typed.iterdir()))
@@ -135,5 +139,10 @@ def same_but_for_numbers(expected: str, printed: str) -> bool:
 
 
 def _line_pattern(line: str) -> str:
-    words = [re.escape(word) for word in line.split()]
-    return r"\s+".join(re.sub(r"[\d.,]*\d", r"[\\d.,]+", word).replace("…", ".*") for word in words)
+    return r"\s+".join("".join(map(_piece_pattern, _PIECES.split(word))) for word in line.split())
+
+
+def _piece_pattern(piece: str) -> str:
+    if piece == "…":
+        return ".*"
+    return _NUMBER if piece[-1:].isdigit() else re.escape(piece)

@@ -17,8 +17,8 @@ _LONG_BLOCK_S = 240.0
 _RECORDS = ROOT / "docs" / "results"
 _COMMAND = re.compile(r"^(\.venv/bin/)?(revnm-[a-z]+ [a-z]|make )", re.MULTILINE)
 _DEMO = """
-revnm-sim demo > demo.log 2>&1 & demo=$!
-until grep -q 'click into the picture' demo.log; do kill -0 $demo; sleep 0.2; done
+REVNM_RECORDING__FOLDER=$PWD/records revnm-sim demo > demo.log 2>&1 & demo=$!
+until grep -qs 'click into the picture' demo.log; do kill -0 $demo; sleep 0.2; done
 trap 'kill $demo; wait $demo' EXIT
 """
 
@@ -54,27 +54,30 @@ def test_commands_stand_in_blocks_of_commands() -> None:
 @pytest.mark.parametrize("guide", list(filter(_for_now, guides())), ids=_name)
 def test_the_commands_of_a_guide_run(guide: Path, tmp_path: Path) -> None:
     with Reader(clone(tmp_path / "clone")) as reader:
-        _follow(reader, [block for block in blocks(guide) if not block.needs and not block.runs])
+        _follow(reader, guide, long=False)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("guide", list(filter(_for_later, guides())), ids=_name)
 def test_the_long_commands_of_a_guide_run(guide: Path, tmp_path: Path) -> None:
-    every = [block for block in blocks(guide) if not block.needs]
     with Reader(clone(tmp_path / "clone")) as reader:
-        _follow(reader, every)
+        if any(block.runs == "beside the demo" for block in _commands(guide)):
+            reader.type(_DEMO, within_s=_BLOCK_S)
+        _follow(reader, guide, long=True)
 
 
-def _follow(reader: Reader, every: list[Block]) -> None:
-    printed = ""
-    if any(block.runs == "beside the demo" for block in every):
-        reader.type(_DEMO, within_s=_BLOCK_S)
-    for block in every:
+def _follow(reader: Reader, guide: Path, *, long: bool) -> None:
+    printed: str | None = None
+    for block in blocks(guide):
         if block.file is not None:
             (reader.folder / block.file).write_text(block.text)
-        elif block.is_output:
+        elif block.is_output and printed is not None:
             assert same_but_for_numbers(block.text, printed), f"{block.place}: expected\n{block.text}\ngot\n{printed}"
-        elif block.language == "sh" and block.until is not None:
-            reader.start(block.text, until=block.until, within_s=_BLOCK_S)
         elif block.language == "sh":
-            printed = reader.type(block.text, within_s=_LONG_BLOCK_S if block.runs else _BLOCK_S)
+            printed = _run(reader, block) if not block.needs and (long or not block.runs) else None
+
+
+def _run(reader: Reader, block: Block) -> str:
+    if block.until is not None:
+        return reader.start(block.text, until=block.until, within_s=_BLOCK_S)
+    return reader.type(block.text, within_s=_LONG_BLOCK_S if block.runs else _BLOCK_S)
