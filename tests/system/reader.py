@@ -10,7 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Self
 
@@ -94,17 +94,23 @@ class Reader:
     def type(self, text: str, *, within_s: float) -> str:
         """Run commands; return what they print. Fails if one fails, or if they take longer."""
         seen, done = len(self.output), self._begin(text)
-        eventually(lambda: done.exists() or self._over(), within_s=within_s)
+        self._wait(lambda: done.exists() or self._over(), within_s, seen)
         return self._checked(done, seen)
 
     def start(self, text: str, *, until: str, within_s: float) -> str:
         """Run a command that does not end by itself, wait until it prints a text, and press Ctrl-C; as :meth:`type`."""
         seen, done = len(self.output), self._begin(f"{{\n{text}\n}} || [ $? = 130 ]")
-        eventually(lambda: until in self.output[seen:] or done.exists() or self._over(), within_s=within_s)
+        self._wait(lambda: until in self.output[seen:] or done.exists() or self._over(), within_s, seen)
         assert until in self.output[seen:], f"ended before it printed {until!r}:\n{self.output[seen:]}"
         self._signal(signal.SIGINT)
-        eventually(lambda: done.exists() or self._over(), within_s=20.0)
+        self._wait(lambda: done.exists() or self._over(), 20.0, seen)
         return self._checked(done, seen)
+
+    def _wait(self, condition: Callable[[], bool], within_s: float, seen: int) -> None:
+        try:
+            eventually(condition, within_s=within_s)
+        except AssertionError as late:
+            raise AssertionError(f"not over within {within_s:.0f} s; printed so far:\n{self.output[seen:]}") from late
 
     def _begin(self, text: str) -> Path:
         number = len(list(self._typed.iterdir()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -49,7 +50,7 @@ def _anchors(guide: Path) -> set[str]:
     """Return the anchors that GitHub gives a guide's headings."""
     found: set[str] = set()
     every = tokens(guide)
-    for before, token in zip(every, every[1:], strict=False):
+    for before, token in itertools.pairwise(every):
         if before.type == "heading_open":
             shown = "".join(child.content for child in token.children or [])
             slug = re.sub(r"[^\w\- ]", "", shown.lower()).replace(" ", "-")
