@@ -14,7 +14,7 @@ from .guide import ROOT, guides, tokens
 from .quotes import is_said
 
 _QUOTES = "<!-- quotes -->"
-_COMING = {ROOT / name for name in ("docs/api.md", "docs/containers.md", "docs/security.md")}
+_COMING = {ROOT / name for name in ("docs/containers.md",)}
 
 
 def _quotes(guide: Path) -> Iterator[str]:
