@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 _PERIOD_S = 1.0
 _FIRST_PERIOD_S = 0.1
 _TIMEOUT_S = 0.5
-_MISSED = 5  # answers of others, one each tenth of a second, before the own server is given up
+_GIVE_UP_S = 5.0
 
 
 class ProbeReading(NamedTuple):
@@ -62,7 +62,8 @@ class ClockProbe:
         self._lock = threading.Lock()
         self._offset = ClockOffset()
         self._server: str | None = None
-        self._missed = 0
+        self._answered_s = 0.0
+        self._missed = False
         self._rejected = 0
         self._last_error = ""
         self._failures = 0
@@ -129,19 +130,20 @@ class ClockProbe:
             self._take(exchanges)
 
     def _take(self, exchanges: list[_Exchange]) -> None:
-        """Take the followed server's answer; where only others answered, several times, follow the first of them."""
+        """Take the followed server's answer; where only others answer, for some seconds, follow the first of them."""
         if not exchanges:
             return
+        now_s = time.monotonic()
         own = next((each for each in exchanges if each.reply.server == self._server), None)
-        self._missed = 0 if own is not None else self._missed + 1
-        if self._server is None or self._missed >= _MISSED:
-            own, self._missed = exchanges[0], 0
+        if own is None and (self._server is None or now_s - self._answered_s > _GIVE_UP_S):
+            own = exchanges[0]
             if self._server is not None:
                 _log.warning("server %s answers no more: following %s", self._server, own.reply.server)
             self._server = own.reply.server
             self._offset.forget()
+        self._missed = own is None
         if own is not None:
-            times = own.reply
+            self._answered_s, times = now_s, own.reply
             self._offset.add(times.t1_ns, times.t2_ns, times.t3_ns, own.t4_ns)
 
 

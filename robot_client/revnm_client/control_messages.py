@@ -70,7 +70,7 @@ class TimeReply:
     t1_ns: int
     t2_ns: int
     t3_ns: int
-    server: str = ""
+    server: str
 
 
 def encode_attachment(plan: Plan) -> bytes:

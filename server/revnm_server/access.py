@@ -16,6 +16,8 @@ from revnm_client.credentials import readable
 from revnm_client.errors import FileError
 from revnm_server.settings import ZenohSettings
 
+_LEAST_PASSWORD = 8
+
 Identity = Literal["cert_common_names", "usernames"]
 
 
@@ -39,17 +41,17 @@ def router_security(settings: ZenohSettings, robots: Collection[str], cameras: C
         security["transport/link/tls/enable_mtls"] = True
         security["access_control"] = access_lists(robots, cameras, known_by="cert_common_names")
     if settings.passwords is not None:
-        _check_passwords(settings.passwords, robots)
+        _check_passwords(settings.passwords, [*robots, *cameras])
         security["transport/auth/usrpwd/dictionary_file"] = readable(settings.passwords)
         security["access_control"] = access_lists(robots, cameras, known_by="usernames")
     return security
 
 
-def _check_passwords(path: Path, robots: Collection[str]) -> None:
+def _check_passwords(path: Path, needed: Collection[str]) -> None:
     """Look through a file of ``NAME:PASSWORD`` lines: Zenoh would skip what it does not understand.
 
     Raises:
-        FileError: It cannot be read, a line is malformed, or a robot has none.
+        FileError: It cannot be read, a line is malformed, or a robot or camera has none.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -58,12 +60,12 @@ def _check_passwords(path: Path, robots: Collection[str]) -> None:
     names = set()
     for number, line in enumerate(lines, start=1):
         name, colon, password = line.partition(":")
-        if not name or not colon or not password:
-            raise FileError(f"{path}:{number}: expected NAME:PASSWORD")
+        if not name or not colon or len(password) < _LEAST_PASSWORD:
+            raise FileError(f"{path}:{number}: expected NAME:PASSWORD, the password of {_LEAST_PASSWORD} or more")
         names.add(name)
-    lacking = sorted(set(robots) - names)
+    lacking = sorted(set(needed) - names)
     if lacking:
-        raise FileError(f"{path}: expected a line {lacking[0]}:PASSWORD, for a robot of the settings")
+        raise FileError(f"{path}: expected a line {lacking[0]}:PASSWORD, for a robot or camera of the settings")
 
 
 class _Rule(NamedTuple):

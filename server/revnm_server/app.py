@@ -6,7 +6,6 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any
 
 import zenoh
@@ -26,6 +25,7 @@ from revnm_server.recording.about import describe
 from revnm_server.recording.heard_log import HeardLog
 from revnm_server.recording.recorder import Recorder
 from revnm_server.restarts import RestartingPipeline
+from revnm_server.robot_link import server_name
 from revnm_server.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
 from revnm_server.settings import PerceptionSettings, Settings
@@ -67,7 +67,8 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         models = load_models(settings.perception, settings.depth)
         tags = open_tag_library(settings.perception.tag_library)
-        notes = _notes(models, settings.perception) + ([tags.note] if tags.note else []) + _certificate_notes(settings)
+        notes = _notes(models, settings.perception) + ([tags.note] if tags.note else [])
+        ending = _certificate_notes(settings)
         mission = Mission(settings.robots, state_file=settings.state_file)
         listener = stack.enter_context(listen(settings.http))
         session = stack.enter_context(open_router(settings.zenoh.listen, security=_security(settings)))
@@ -92,8 +93,9 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
             tick_hz=settings.perception.tick_hz,
             tag_size_m=settings.perception.tag_size_m,
             robot_size_m=(settings.perception.robot_length_m, settings.perception.robot_width_m),
-            notes=notes,
+            notes=lambda: [*notes, *ending()],
             recorder=recorder,
+            name=server_name(settings.zenoh.listen),
         )
         recorder.watch(service.view)
         answers = stack.enter_context(serving_http(service, settings.http, listener))
@@ -117,16 +119,13 @@ def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[s
     return [note]
 
 
-def _certificate_notes(settings: Settings) -> list[str]:
-    """Return which certificates end soon, and log it."""
+def _certificate_notes(settings: Settings) -> Callable[[], list[str]]:
+    """Return what tells which certificates end soon."""
     if not settings.certificates:
-        return []
-    from revnm_server.pki import endings  # takes a tenth of a second
+        return list
+    from revnm_server.pki import CertificateWatch  # takes a tenth of a second
 
-    notes = [ending.text for ending in endings(settings.certificates, datetime.now(UTC))]
-    for note in notes:
-        logger.warning(note)
-    return notes
+    return CertificateWatch(lambda: settings.certificates).notes
 
 
 def _pipeline(

@@ -239,8 +239,14 @@ class Mission:
             self._heard.add(robot)
             if not foreign or epoch >= MAX_EPOCH:
                 return
-            self._put(robot, replace(wanted, epoch=epoch + 1))
+            # A resume that is owed yet would release a stop of the other server's operator.
+            self._put(robot, replace(wanted, epoch=epoch + 1, order="stop" if wanted.stopped else None))
         self._save()
+
+    def leave_to_another(self, robot: str) -> None:
+        """Note that ``robot`` follows another server: of whatever epoch it is afterwards, that may be the other's."""
+        with self._lock:
+            self._heard.discard(robot)
 
     def number_plan(self, robot: str, goal_id: str) -> PlanNumber | None:
         """Return the next plan's number; None if ``robot`` is not to drive to that goal any more."""

@@ -28,7 +28,7 @@ class Overview:
         ticks: For what they left.
         tag_size_m: Side of the robots' tags, for drawing paths.
         robot_size_m: Length and width of a robot, for drawing it.
-        notes: Warnings that hold all the time.
+        notes: Tells of what is odd about how the server was put together.
         recording: Tells of the run record.
     """
 
@@ -42,7 +42,7 @@ class Overview:
         *,
         tag_size_m: float,
         robot_size_m: tuple[float, float],
-        notes: Sequence[str] = (),
+        notes: Callable[[], Sequence[str]] = tuple,
         recording: Callable[[], RecordingView] | None = None,
     ) -> None:
         self._camera = camera
@@ -51,7 +51,7 @@ class Overview:
         self._courier = courier
         self._ticks = ticks
         self._tag_size_m, self._robot_size_m = tag_size_m, robot_size_m
-        self._notes = tuple(notes)
+        self._notes = notes
         self._recording = recording
 
     def view(self) -> ServerView:
@@ -99,7 +99,7 @@ class Overview:
     def _warnings(self, status: CameraStatus, site: SiteReport | None, recording: RecordingView | None) -> list[str]:
         unrecorded = recording.reason if recording is not None else None
         passing = [text for text in (status.warning, self._mission.save_error, unrecorded) if text is not None]
-        return [*self._notes, *passing, *(site.warnings if site is not None else ())]
+        return [*self._notes(), *passing, *(site.warnings if site is not None else ())]
 
     def _rejected(self, status: CameraStatus) -> dict[str, int]:
         counts = self._courier.rejected

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import re
 import socket
 import time
-from uuid import uuid4
+import uuid
+from collections.abc import Sequence
 
 import zenoh
 
@@ -29,9 +31,15 @@ _NEWS_S = 1.0  # a robot says how it is twice a second
 _SLOW_MPS, _SLOW_RADPS = 0.05, 0.1
 
 
-def server_name() -> str:
-    """Return a name for this server: its machine's, and something that tells two servers on it apart."""
-    return f"{re.sub('[^A-Za-z0-9-]', '-', socket.gethostname())[:32]}-{uuid4().hex[:4]}"
+def server_name(listen: Sequence[str]) -> str:
+    """Return the name of the server that listens there: the same after a restart, another's on each machine.
+
+    Args:
+        listen: Endpoints of its router, which no other server on this machine has.
+    """
+    machine = re.sub("[^A-Za-z0-9-]", "-", socket.gethostname())[:32]
+    mark = hashlib.sha256(f"{uuid.getnode()} {' '.join(listen)}".encode()).hexdigest()[:4]
+    return f"{machine}-{mark}"
 
 
 class RobotLink:
@@ -60,7 +68,7 @@ class RobotLink:
         state = self._inbox.take()
         if state is None:
             return False
-        self.state, self._heard_s = state, time.monotonic()
+        self._heard_s, self.state = time.monotonic(), state
         return True
 
     @property

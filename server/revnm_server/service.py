@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 import zenoh
@@ -22,7 +22,7 @@ from revnm_server.mission import Goal, Mission
 from revnm_server.orders import OrderCourier
 from revnm_server.overview import Overview
 from revnm_server.pipeline import RobotPlan, TickResult
-from revnm_server.robot_link import RobotLink, server_name
+from revnm_server.robot_link import RobotLink
 from revnm_server.site_report import SiteReport
 from revnm_server.tick_memory import SeenTick, SentPlan, Tally, TickMemory
 from revnm_server.tick_recorder import ObservedTick, TickRecorder
@@ -55,9 +55,9 @@ class NavigationService:
         tick_hz: Most ticks a second.
         tag_size_m: Side of the robots' tags, for drawing.
         robot_size_m: Length and width of a robot, for drawing.
-        notes: What is odd about how it was put together, for whoever looks.
+        notes: Tells whoever looks what is odd about how it was put together; must not wait.
         recorder: Is shown every tick; closed by the owner.
-        name: Of this server, for robots that hear several; None makes one of the machine's.
+        name: Of this server, for robots that hear several.
     """
 
     def __init__(
@@ -70,16 +70,16 @@ class NavigationService:
         tick_hz: float = 10.0,
         tag_size_m: float = 0.30,
         robot_size_m: tuple[float, float] = (0.43, 0.36),
-        notes: Sequence[str] = (),
+        notes: Callable[[], Sequence[str]] = tuple,
         recorder: TickRecorder | None = None,
-        name: str | None = None,
+        name: str = "server",
     ) -> None:
         self.camera = camera
         self.mission = mission
         self.recorder = recorder
         self._pipeline = pipeline
         self._period_s = 1.0 / tick_hz
-        self._name = name or server_name()
+        self._name = name
         self._links = {robot: RobotLink(session, robot, server=self._name) for robot in mission.names}
         self._courier = OrderCourier(session, mission)
         self._ticks = TickMemory()
@@ -110,14 +110,14 @@ class NavigationService:
         return self._closing.is_set()
 
     def close(self) -> None:
-        """Publish no more plans, tell every robot that has a goal to stand, and leave the keys.
+        """Publish no more plans, tell every robot that has a goal and follows this server to stand, and leave the keys.
 
         A tick that hangs is left behind after some seconds: robots have been told by then.
         """
         with self._publishing:
             self._closing.set()
         self._courier.close()
-        self._courier.halt(self.mission.driving_goals())
+        self._courier.halt(robot for robot in self.mission.driving_goals() if self._links[robot].followed is None)
         if self._thread.is_alive():
             self._thread.join(_LAST_TICK_S)
         for link in self._links.values():
@@ -190,8 +190,10 @@ class NavigationService:
         for robot, link in self._links.items():
             if not link.listen() or link.state is None:
                 continue
-            if link.followed is None:  # else its epochs are another's, who would overtake this one's in turn
+            if link.followed is None:
                 self.mission.catch_up(robot, int(link.state["epoch"] or 0))
+            else:  # who would overtake this one's epochs in turn
+                self.mission.leave_to_another(robot)
             if self.mission.of(robot).stopped and link.state["stopped"] is False:
                 self.mission.repeat_order(robot)
         self.camera.note_motion(self._driving_in_view())

@@ -41,7 +41,17 @@ def test_certificates_are_read_and_shown_as_they_were_set():
         Path("r.key"),
     )
     Path("shown.yaml").write_text(settings.as_yaml())
-    assert load_settings(Path("shown.yaml")) == settings
+    shown = load_settings(Path("shown.yaml"))
+    assert shown.security.certificate == Path("r.pem").absolute()
+    assert shown.as_yaml() == settings.as_yaml()
+
+
+def test_paths_count_from_the_folder_of_the_settings(monkeypatch, tmp_path):
+    (tmp_path / "etc").mkdir()
+    (tmp_path / "etc/robot.yaml").write_text(BASE + GOOD)
+    assert load_settings(Path("etc/robot.yaml")).security.key == Path("etc/r.key")
+    monkeypatch.setenv("REVNM_ROBOT__SECURITY__KEY", "/run/r.key")
+    assert load_settings(Path("etc/robot.yaml")).security.key == Path("/run/r.key")
 
 
 def test_a_password_is_read_and_never_shown():

@@ -213,7 +213,7 @@ def robot_and_server(router, *, answers_time: bool = True):
     def tell_time(query) -> None:
         with query:
             t1_ns = decode_time_request(query.payload.to_bytes()).t1_ns
-            query.reply(keys.time(ROBOT), encode_time_reply(TimeReply(t1_ns, time.time_ns(), time.time_ns())))
+            query.reply(keys.time(ROBOT), encode_time_reply(TimeReply(t1_ns, time.time_ns(), time.time_ns(), "edge")))
 
     clock = router.declare_queryable(keys.time(ROBOT), tell_time) if answers_time else None
     thread = threading.Thread(target=publish)

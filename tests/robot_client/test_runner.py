@@ -96,7 +96,7 @@ def _tell_time(query: zenoh.Query) -> None:
     t2_ns = time.time_ns()
     with query:
         t1_ns = decode_time_request(query.payload.to_bytes()).t1_ns
-        query.reply(keys.time(ROBOT), encode_time_reply(TimeReply(t1_ns, t2_ns, time.time_ns())))
+        query.reply(keys.time(ROBOT), encode_time_reply(TimeReply(t1_ns, t2_ns, time.time_ns(), "")))
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from revnm_server.settings import ZenohSettings
 from .free_port import free_port
 from .waiting import eventually
 
-ROBOTS = {"rover": "let rover in", "crawler": "let crawler in"}
+ROBOTS = ("rover", "crawler")
 CAMERA = "cam0"
 NAMES = (*ROBOTS, CAMERA, "stranger")  # the last is of the same authority, and not in the settings
 
@@ -76,12 +76,12 @@ class CertificateSite(Site):
 class PasswordSite(Site):
     def _set_up(self, port: int) -> tuple[str, ZenohSettings]:
         path = self.folder / "passwords.txt"
-        path.write_text("".join(f"{name}:{ROBOTS.get(name, name)}\n" for name in NAMES))
+        path.write_text("".join(f"{name}:let {name} in\n" for name in NAMES))
         endpoint = f"tcp/127.0.0.1:{port}"
         return endpoint, ZenohSettings(listen=(endpoint,), passwords=path)
 
     def credentials(self, name: str) -> Credentials:
-        return Credentials(user=name, password=ROBOTS.get(name, name))
+        return Credentials(user=name, password=f"let {name} in")
 
     def strange_credentials(self) -> list[Credentials]:
         return [
@@ -248,9 +248,10 @@ def test_a_server_at_another_address_than_its_certificate_says_is_not_trusted(tm
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("rover:a\ncrawler\n", "passwords.txt:2: expected NAME:PASSWORD"),
-        ("rover:\ncrawler:b\n", "passwords.txt:1: expected NAME:PASSWORD"),
-        ("rover:a\n", "passwords.txt: expected a line crawler:PASSWORD"),
+        ("rover:let rover in\ncrawler\n", "passwords.txt:2: expected NAME:PASSWORD"),
+        ("rover:\ncrawler:let crawler in\n", "passwords.txt:1: expected NAME:PASSWORD"),
+        ("rover:let rover in\ncrawler:seven..\n", "passwords.txt:2: expected NAME:PASSWORD, the password of 8 or more"),
+        ("rover:let rover in\n", "passwords.txt: expected a line crawler:PASSWORD"),
         (None, "passwords.txt: cannot be read"),
     ],
 )

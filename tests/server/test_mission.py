@@ -169,3 +169,25 @@ def test_no_partial_files_are_left(mission: Mission, tmp_path: Path) -> None:
     for u in range(20):
         mission.set_goal("rover", u, 2, size_px=SIZE)
     assert [path.name for path in tmp_path.iterdir()] == ["state.json"]
+
+
+def test_a_resume_that_was_never_confirmed_does_not_release_a_stop_of_another_server(mission: Mission) -> None:
+    mission.catch_up("rover", 1)
+    mission.stop("rover")
+    mission.resume("rover")
+    assert mission.of("rover").order == "resume"
+    mission.catch_up("rover", 40)
+    assert (mission.of("rover").order, mission.of("rover").epoch) == (None, 41)
+    mission.stop("rover")
+    mission.catch_up("rover", 50)
+    assert (mission.of("rover").order, mission.of("rover").stopped) == ("stop", True)
+
+
+def test_an_equal_epoch_of_a_robot_that_another_led_meanwhile_may_be_the_others(mission: Mission) -> None:
+    mission.catch_up("rover", 0)
+    epoch = mission.of("rover").epoch
+    mission.catch_up("rover", epoch)
+    assert mission.of("rover").epoch == epoch
+    mission.leave_to_another("rover")
+    mission.catch_up("rover", epoch)
+    assert mission.of("rover").epoch == epoch + 1

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import datetime
+import errno
+import os
 import socket
 import ssl
 import stat
+import tempfile
 import threading
 from pathlib import Path
 
@@ -13,7 +16,7 @@ import pytest
 
 from revnm_client.errors import ConfigError, FileError
 from revnm_server.cli import main
-from revnm_server.pki import create_authority, endings, issue_robot, issue_server, issued
+from revnm_server.pki import CertificateWatch, create_authority, endings, issue_robot, issue_server, issued
 
 DAY = datetime.timedelta(days=1)
 
@@ -34,6 +37,8 @@ def tls_peer_names(server: tuple[Path, Path], authority: Path, robot: Path, host
     accept.load_cert_chain(*server)
     accept.verify_mode = ssl.CERT_REQUIRED
     connect = ssl.create_default_context(cafile=robot / "authority.pem")
+    for context in (accept, connect):
+        context.verify_flags |= ssl.VERIFY_X509_STRICT  # as Python 3.13 does by itself
     connect.load_cert_chain(robot / "robot.pem", robot / "robot.key")
     left, right = socket.socketpair()
     seen: list[str] = []
@@ -100,7 +105,9 @@ def test_an_authority_is_never_written_over(pki: Path) -> None:
     assert (pki / "rover/robot.pem").read_bytes() == certificate
 
 
-@pytest.mark.parametrize("host", ["", "edge local", "-edge", "edge..local", "http://edge", "a" * 64, "édge"])
+@pytest.mark.parametrize(
+    "host", ["", "edge local", "-edge", "edge..local", "http://edge", "a" * 64, "édge", "192.168.1.300"]
+)
 def test_a_host_that_is_none_leaves_nothing_behind(tmp_path: Path, host: str) -> None:
     with pytest.raises(ConfigError, match="expected a name or an address"):
         create_authority(tmp_path / "pki", ["127.0.0.1", host])
@@ -138,6 +145,39 @@ def test_certificates_are_told_of_before_they_end(pki: Path) -> None:
     )
     (over,) = endings(paths, ends)
     assert over.over
+
+
+def test_a_server_that_runs_for_years_warns_in_time(pki: Path) -> None:
+    ends, passed_s = issued(pki)[1].ends, [0.0]
+    paths = [pki / "server.pem"]
+    start = ends - 40 * DAY
+    watch = CertificateWatch(
+        lambda: paths,
+        now=lambda: start + datetime.timedelta(seconds=passed_s[0]),
+        clock_s=lambda: passed_s[0],
+    )
+    assert watch.notes() == []
+    passed_s[0] = 11 * DAY.total_seconds()
+    assert watch.notes() == [f"{pki}/server.pem ends on {ends:%Y-%m-%d}: make a new one (revnm-server pki)"]
+    (pki / "server.pem").unlink()
+    passed_s[0] += 3599.0
+    assert "ends on" in watch.notes()[0]
+    passed_s[0] += 1.0
+    assert watch.notes() == [f"{pki}/server.pem: cannot be read: No such file or directory"]
+
+
+def test_a_folder_that_cannot_be_written_to_is_told(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = (pki / "server.pem").read_bytes()
+    monkeypatch.setattr(tempfile, "mkdtemp", refuse)
+    with pytest.raises(FileError, match="pki: cannot be written to: Read-only file system"):
+        issue_server(pki, ["10.0.0.9"])
+    with pytest.raises(FileError, match="rover: cannot be made: Read-only file system"):
+        issue_robot(pki, "rover")
+    assert (pki / "server.pem").read_bytes() == before
+
+
+def refuse(*_: object, **__: object) -> str:
+    raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
 
 def test_the_command_makes_lists_and_says_what_to_do(

@@ -315,6 +315,17 @@ def test_a_robot_that_follows_another_server_is_waited_for_and_not_outbid(
         eventually(lambda: service.mission.of("rover").epoch == 51)
 
 
+def test_a_server_that_ends_leaves_a_robot_alone_that_follows_another(
+    service: NavigationService, client: zenoh.Session
+) -> None:
+    with RobotEnd(client) as robot, CameraFeed(client):
+        eventually(lambda: robot.say(server="yard") or rover(service).robot_state is not None)
+        service.mission.set_goal("rover", 10.0, 10.0, size_px=(320, 240))
+        eventually(lambda: robot.plans)
+        service.close()
+        assert robot.orders == []
+
+
 def test_a_robot_that_holds_a_stop_of_another_server_can_be_resumed(
     service: NavigationService, client: zenoh.Session
 ) -> None:

@@ -196,3 +196,10 @@ def test_the_certificates_are_those_of_page_and_router() -> None:
     settings = load_settings(overrides={"zenoh": zenoh, "http": {"certificate": "h.pem", "key": "h.key"}})
     assert settings.certificates == [Path("c.pem"), Path("a.pem"), Path("h.pem")]
     assert load_settings().certificates == []
+
+
+def test_certificates_of_robots_beside_the_authority_are_looked_at_too(tmp_path: Path) -> None:
+    (tmp_path / "rover").mkdir()
+    (tmp_path / "rover/robot.pem").touch()
+    settings = load_settings(overrides={"zenoh": TLS | {"authority": str(tmp_path / "authority.pem")}})
+    assert settings.certificates == [Path("c.pem"), tmp_path / "authority.pem", tmp_path / "rover/robot.pem"]

@@ -108,7 +108,7 @@ def site() -> Iterator[Site]:
         pipeline = MapPipeline(depth=room, disparity_hw=HW, tags=room, senses={"rover": senses}, shape=SHAPE)
         mission = Mission(["rover"])
         service = NavigationService(
-            router, camera=camera, pipeline=pipeline, mission=mission, tick_hz=60, notes=["a note"]
+            router, camera=camera, pipeline=pipeline, mission=mission, tick_hz=60, notes=lambda: ["a note"]
         )
         stack.callback(service.close)
         robot = stack.enter_context(RobotEnd(client))

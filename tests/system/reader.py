@@ -21,7 +21,10 @@ from .guide import ROOT
 _BIN = Path(sys.executable).parent
 _PROGRAMS = ("revnm-robot", "revnm-server", "revnm-sim", "revnm-train")
 # A network of one's own: ports that others use do not matter, and nothing is downloaded unnoticed.
-_ALONE = ("unshare", "--user", "--map-root-user", "--net", "sh", "-c", 'ip link set lo up && exec "$@"', "sh")
+_ALONE = (
+    *("unshare", "--user", "--map-root-user", "--net", "--pid", "--fork", "--kill-child", "--mount-proc"),
+    *("sh", "-c", 'ip link set lo up && exec "$@"', "sh"),
+)
 
 
 _PIECES = re.compile(r"(…|[\d.,]*\d)")

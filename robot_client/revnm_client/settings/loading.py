@@ -76,7 +76,8 @@ def load_settings(config: Path | None, *, options: Mapping[str, Any] | None = No
     """Return the settings.
 
     Args:
-        config: A YAML file; None is as good as one that says: a Megarover, its server on this machine.
+        config: A YAML file; None is as good as one that says: a Megarover, its server on this machine. Relative paths
+            in the settings count from its folder.
         options: What the command line says of ``robot`` and ``server``; it wins over the environment, and that
             over the file.
 
@@ -91,7 +92,7 @@ def load_settings(config: Path | None, *, options: Mapping[str, Any] | None = No
             layers.lay(name, place, YamlDocument(os.environ[name], name).data)
     for key, value in (options or {}).items():
         layers.lay(_OPTIONS[key], (key,), value)
-    settings = _settings(_checked(layers))
+    settings = _settings(_checked(layers), Path() if config is None else config.parent)
     if problems := list(contradictions(settings)):
         raise BadSettingsError(_told(problems, layers))
     return settings
@@ -129,8 +130,8 @@ def _told(problems: list[tuple[Place, str]], layers: _Layers) -> list[str]:
     return [f"{layers.where(place)}{dotted(place)}: {text}" for place, text in problems]
 
 
-def _settings(given: dict[str, Any]) -> RobotSettings:
-    """Fill in from the profile what was not set."""
+def _settings(given: dict[str, Any], folder: Path) -> RobotSettings:
+    """Fill in from the profile what was not set; relative paths count from a folder."""
     known: Mapping[str, Any] = PROFILES[given["profile"]].values if given["profile"] in PROFILES else CAUTIOUS
     driver = dict(given.get("driver", {}))
 
@@ -140,7 +141,7 @@ def _settings(given: dict[str, Any]) -> RobotSettings:
     return RobotSettings(
         robot=given["robot"],
         server=given["server"],
-        security=SecuritySettings(**{key: Path(path) for key, path in section("security").items()}),
+        security=SecuritySettings(**{key: folder / path for key, path in section("security").items()}),
         profile=given["profile"],
         driver=DriverSettings(kind=driver.pop("kind", "zenoh"), options=driver),
         limits=Limits(**section("limits")),

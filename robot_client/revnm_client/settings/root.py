@@ -148,7 +148,7 @@ class RobotSettings:
 
     def as_yaml(self) -> str:
         """Return a settings file that says everything that is in effect, a section a line."""
-        security = {key: str(path) for key, path in asdict(self.security).items() if path is not None}
+        security = {key: str(path.absolute()) for key, path in asdict(self.security).items() if path is not None}
         driver = {"kind": self.driver.kind, **self.driver.options}
         sections = {**asdict(self), "security": security, "driver": driver}
         return "".join(f"{key}: {_flow(value)}\n" for key, value in sections.items())

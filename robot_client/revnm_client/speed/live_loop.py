@@ -180,7 +180,7 @@ def _tell_time(query: zenoh.Query) -> None:
     with query:
         if query.payload is not None:
             asked = decode_time_request(query.payload.to_bytes())
-            query.reply(query.key_expr, encode_time_reply(TimeReply(asked.t1_ns, arrived_ns, time.time_ns())))
+            query.reply(query.key_expr, encode_time_reply(TimeReply(asked.t1_ns, arrived_ns, time.time_ns(), "bench")))
 
 
 def _free_port() -> int:

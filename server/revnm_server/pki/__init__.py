@@ -1,6 +1,6 @@
 """A small authority of one's own, and the certificates that it gives to the server and to each robot."""
 
-from revnm_server.pki.expiry import Ending, endings
+from revnm_server.pki.expiry import CertificateWatch, Ending, endings
 from revnm_server.pki.folder import (
     Issued,
     create_authority,
@@ -11,6 +11,7 @@ from revnm_server.pki.folder import (
 )
 
 __all__ = [
+    "CertificateWatch",
     "Ending",
     "Issued",
     "create_authority",

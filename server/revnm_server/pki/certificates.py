@@ -19,7 +19,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from revnm_client.errors import ConfigError
 
 _AUTHORITY_NAME, _SERVER_NAME = "ReVNM authority", "ReVNM server"
-_AUTHORITY_DAYS, _DAYS = 3650, 1095
+_AUTHORITY_DAYS, _ROBOT_DAYS = 3650, 1095
+_SERVER_DAYS = 820  # some browsers take none that is good for more than 825
 _CLOCKS_BEHIND = datetime.timedelta(days=1)  # of machines that start without knowing the time
 _LONGEST_LABEL = 63
 
@@ -35,31 +36,24 @@ class Pair:
 def authority() -> Pair:
     """Return a new authority, good for ten years."""
     key = _key()
-    usage = x509.KeyUsage(
-        digital_signature=False,
-        content_commitment=False,
-        key_encipherment=False,
-        data_encipherment=False,
-        key_agreement=False,
-        key_cert_sign=True,
-        crl_sign=True,
-        encipher_only=False,
-        decipher_only=False,
-    )
+    identifier = x509.SubjectKeyIdentifier.from_public_key(key.public_key())
     builder = _builder(_AUTHORITY_NAME, key, _name(_AUTHORITY_NAME), _AUTHORITY_DAYS)
     builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-    return Pair(builder.add_extension(usage, critical=True).sign(key, hashes.SHA256()), key)
+    builder = builder.add_extension(_usage(signs_certificates=True), critical=True)
+    return Pair(builder.add_extension(identifier, critical=False).sign(key, hashes.SHA256()), key)
 
 
 def server(by: Pair, names: x509.SubjectAlternativeName) -> Pair:
-    """Return a new certificate for the server, good for three years."""
-    return _leaf(by, _SERVER_NAME, ExtendedKeyUsageOID.SERVER_AUTH, names)
+    """Return a new certificate for the server, good for two years."""
+    builder, key = _leaf(by, _SERVER_NAME, _SERVER_DAYS, ExtendedKeyUsageOID.SERVER_AUTH)
+    return Pair(builder.add_extension(names, critical=False).sign(by.key, hashes.SHA256()), key)
 
 
 def robot(by: Pair, name: str) -> Pair:
     """Return a new certificate for a robot, good for three years."""
     names = x509.SubjectAlternativeName([x509.UniformResourceIdentifier(f"urn:revnm:robot:{name}")])
-    return _leaf(by, name, ExtendedKeyUsageOID.CLIENT_AUTH, names)
+    builder, key = _leaf(by, name, _ROBOT_DAYS, ExtendedKeyUsageOID.CLIENT_AUTH)
+    return Pair(builder.add_extension(names, critical=False).sign(by.key, hashes.SHA256()), key)
 
 
 def alternative_names(hosts: Sequence[str]) -> x509.SubjectAlternativeName:
@@ -80,7 +74,8 @@ def _alternative_name(host: str) -> x509.GeneralName:
     try:
         return x509.IPAddress(ipaddress.ip_address(host.removeprefix("[").removesuffix("]")))
     except ValueError:
-        if not all(_is_label(label) for label in host.split(".")):
+        labels = host.split(".")
+        if labels[-1].isdigit() or not all(map(_is_label, labels)):
             expected = "a name or an address, such as edge.local or 192.168.1.5"
             raise ConfigError(f"host {host!r:.80}: expected {expected}") from None
         return x509.DNSName(host)
@@ -92,12 +87,30 @@ def _is_label(text: str) -> bool:
     return plain and len(text) <= _LONGEST_LABEL and not text.startswith("-") and not text.endswith("-")
 
 
-def _leaf(by: Pair, name: str, usage: x509.ObjectIdentifier, names: x509.SubjectAlternativeName) -> Pair:
+def _leaf(
+    by: Pair, name: str, days: int, purpose: x509.ObjectIdentifier
+) -> tuple[x509.CertificateBuilder, ec.EllipticCurvePrivateKey]:
     key = _key()
-    builder = _builder(name, key, by.certificate.subject, _DAYS)
+    issuer = x509.AuthorityKeyIdentifier.from_issuer_public_key(by.key.public_key())
+    builder = _builder(name, key, by.certificate.subject, days)
     builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-    builder = builder.add_extension(x509.ExtendedKeyUsage([usage]), critical=False)
-    return Pair(builder.add_extension(names, critical=False).sign(by.key, hashes.SHA256()), key)
+    builder = builder.add_extension(_usage(signs_certificates=False), critical=True)
+    builder = builder.add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
+    return builder.add_extension(issuer, critical=False), key
+
+
+def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=signs_certificates,
+        crl_sign=signs_certificates,
+        encipher_only=False,
+        decipher_only=False,
+    )
 
 
 def _builder(name: str, key: ec.EllipticCurvePrivateKey, issuer: x509.Name, days: int) -> x509.CertificateBuilder:

@@ -74,10 +74,13 @@ def issue_server(folder: Path, hosts: Sequence[str]) -> None:
     """
     names = alternative_names(hosts)
     pair = certificates.server(_load(folder), names)
-    with tempfile.TemporaryDirectory(prefix=f".{_SERVER}-", dir=folder) as made:
-        _write(Path(made) / _SERVER, pair)
-        for suffix in (".key", ".pem"):
-            (Path(made) / _SERVER).with_suffix(suffix).replace((folder / _SERVER).with_suffix(suffix))
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{_SERVER}-", dir=folder) as made:
+            _write(Path(made) / _SERVER, pair)
+            for suffix in (".key", ".pem"):
+                (Path(made) / _SERVER).with_suffix(suffix).replace((folder / _SERVER).with_suffix(suffix))
+    except OSError as error:
+        raise FileError(f"{folder}: cannot be written to: {error.strerror}") from error
 
 
 def issue_robot(folder: Path, robot: str) -> Path:
@@ -139,9 +142,10 @@ def _made(target: Path) -> Iterator[Path]:
     try:
         yield folder
         folder.rename(target)
-    except BaseException:
-        shutil.rmtree(folder)
-        raise
+    except OSError as error:
+        raise FileError(f"{target}: cannot be made: {error.strerror}") from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _load(folder: Path) -> Pair:

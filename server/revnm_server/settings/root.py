@@ -52,6 +52,8 @@ class Settings(BaseSettings):
 
     @property
     def certificates(self) -> list[Path]:
-        """Files of the certificates that the server shows, or by which it knows robots."""
-        paths = (self.zenoh.certificate, self.zenoh.authority, self.http.certificate)
-        return [path for path in paths if path is not None]
+        """Files of the certificates that the server shows, or knows robots by; and theirs, where they lie beside."""
+        authority = self.zenoh.authority
+        robots = [] if authority is None else sorted(authority.parent.glob("*/robot.pem"))
+        paths = (self.zenoh.certificate, authority, self.http.certificate)
+        return [*(path for path in paths if path is not None), *robots]
