@@ -36,7 +36,7 @@ from revnm_client.plan_tracking import travelled
 from revnm_client.speed import course
 from revnm_client.speed.one_core import one_core
 
-_ROBOT = "bench"
+_ROBOT, _SERVER = "bench", "bench"
 _STEP_S = 0.02
 _SCAN_EVERY, _PLAN_EVERY = 5, 10
 _PERIOD_S = 0.05
@@ -159,7 +159,7 @@ class _World:
             self._scan.put(cdr.encode_scan(course.scan(self._pose, now_ns)))
         if self._step % _PLAN_EVERY == 0:
             self._seq += 1
-            plan = Plan(now_ns, course.waypoints(self._pose), epoch=0, seq=self._seq, goal_id="course")
+            plan = Plan(now_ns, course.waypoints(self._pose), epoch=0, seq=self._seq, goal_id="course", server=_SERVER)
             self._plan.put(cdr.encode_plan(plan), attachment=cdr.encode_attachment(plan))
 
 
@@ -180,7 +180,7 @@ def _tell_time(query: zenoh.Query) -> None:
     with query:
         if query.payload is not None:
             asked = decode_time_request(query.payload.to_bytes())
-            query.reply(query.key_expr, encode_time_reply(TimeReply(asked.t1_ns, arrived_ns, time.time_ns(), "bench")))
+            query.reply(query.key_expr, encode_time_reply(TimeReply(asked.t1_ns, arrived_ns, time.time_ns(), _SERVER)))
 
 
 def _free_port() -> int:
