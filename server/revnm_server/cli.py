@@ -13,6 +13,7 @@ from revnm_client.version_option import VersionAction
 _HELP = {
     "serve": "watch a camera and drive the robots in its picture",
     "doctor": "look at camera, tags, models, tick and robots, and say what to mend",
+    "health": "say by its exit status whether the server that runs with these settings works",
     "config": "check a settings file, or print its schema",
     "models": "list depth networks of others, and fetch one",
     "record": "switch a running server's record on and off, and mend records that were cut",

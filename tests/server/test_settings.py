@@ -203,3 +203,29 @@ def test_certificates_of_robots_beside_the_authority_are_looked_at_too(tmp_path:
     (tmp_path / "rover/robot.pem").touch()
     settings = load_settings(overrides={"zenoh": TLS | {"authority": str(tmp_path / "authority.pem")}})
     assert settings.certificates == [Path("c.pem"), tmp_path / "authority.pem", tmp_path / "rover/robot.pem"]
+def test_environment_over_secrets_over_file(config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config.write_text("http: {port: 1001, token: tokenofthefile123}\n")
+    secrets = tmp_path / "secrets"
+    secrets.mkdir()
+    (secrets / "REVNM_HTTP__TOKEN").write_text("tokenofthesecret1\n")  # as editors and echo end it
+    (secrets / "REVNM_HTTP__PORT").write_text("1002")
+    (secrets / "of_another_program").write_text("x")
+    monkeypatch.setenv("REVNM_HTTP__PORT", "1003")
+    http = load_settings(config, secrets=secrets).http
+    assert http.token is not None
+    assert (http.token.get_secret_value(), http.port) == ("tokenofthesecret1", 1003)
+
+
+def test_a_bad_secret_is_told_by_its_file_and_not_shown(tmp_path: Path) -> None:
+    (tmp_path / "REVNM_HTTP__TOKEN").write_text("hush")
+    with pytest.raises(BadSettingsError) as caught:
+        load_settings(secrets=tmp_path)
+    assert str(caught.value).startswith(f"{tmp_path}/REVNM_HTTP__TOKEN: http.token: ")
+    assert "hush" not in str(caught.value)
+
+
+def test_a_secret_that_is_no_text_is_an_error_of_ours(tmp_path: Path) -> None:
+    (tmp_path / "REVNM_HTTP__TOKEN").write_bytes(b"hush\xff")
+    with pytest.raises(FileError, match=f"{tmp_path}: expected secrets in UTF-8") as caught:
+        load_settings(secrets=tmp_path)
+    assert "hush" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""The server's settings: command line over environment (``REVNM_…``) over a YAML file over defaults.
+"""The server's settings: command line over environment (``REVNM_…``) over secrets over a YAML file over defaults.
 
 Each component is given its own section, never the whole. Unknown keys are errors; an error names file, line and
 key.

@@ -1,4 +1,4 @@
-"""Reads settings from command line, environment and file, and says where what is wrong stands."""
+"""Reads settings from command line, environment, secrets and file, and says where what is wrong stands."""
 
 from __future__ import annotations
 
@@ -9,11 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import pydantic
-from pydantic_settings import BaseSettings, InitSettingsSource, PydanticBaseSettingsSource, SettingsError
+from pydantic_settings import (
+    BaseSettings,
+    InitSettingsSource,
+    NestedSecretsSettingsSource,
+    PydanticBaseSettingsSource,
+    SettingsError,
+)
 
 from revnm_client.errors import ConfigError, FileError
 from revnm_server.settings.root import Settings
 from revnm_server.yaml_document import Place, YamlDocument
+
+SECRETS = Path("/run/secrets")
+"""Where Docker, Podman and Compose put secrets: files that are named like variables of the environment."""
 
 _PREFIX = "REVNM_"
 _NESTED = "__"
@@ -31,12 +40,15 @@ class BadSettingsError(ConfigError):
         self.problems = problems
 
 
-def load_settings(config: Path | None = None, *, overrides: Mapping[str, Any] | None = None) -> Settings:
+def load_settings(
+    config: Path | None = None, *, overrides: Mapping[str, Any] | None = None, secrets: Path = SECRETS
+) -> Settings:
     """Return the settings.
 
     Args:
         config: A YAML file, or None.
         overrides: What the command line says, nested as in the file; it wins.
+        secrets: A folder with a file for each secret, such as ``REVNM_HTTP__TOKEN``; there need not be one.
 
     Raises:
         FileError: The file cannot be read or is no YAML mapping.
@@ -55,7 +67,8 @@ def load_settings(config: Path | None = None, *, overrides: Mapping[str, Any] | 
             dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003
             file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
         ) -> tuple[PydanticBaseSettingsSource, ...]:
-            return init_settings, env_settings, InitSettingsSource(settings_cls, in_file)
+            in_secrets = NestedSecretsSettingsSource(settings_cls, secrets_dir=secrets, secrets_dir_missing="ok")
+            return init_settings, env_settings, in_secrets, InitSettingsSource(settings_cls, in_file)
 
     given = overrides or {}
     try:
@@ -63,10 +76,12 @@ def load_settings(config: Path | None = None, *, overrides: Mapping[str, Any] | 
     except pydantic.ValidationError as error:
         # Without the values: secrets may be among them, and pydantic's own text would show them.
         faults = error.errors(include_url=False, include_input=False, include_context=False)
-        texts = [f"{_where(fault['loc'], given, document)}{_problem(fault)}" for fault in faults]
+        texts = [f"{_where(fault['loc'], given, secrets, document)}{_problem(fault)}" for fault in faults]
         raise BadSettingsError(texts) from None
     except SettingsError as error:
         raise BadSettingsError([f"settings: {error}"]) from None  # an environment variable that is no JSON
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(f"{secrets}: expected secrets in UTF-8 that this user may read: {error}") from None
 
 
 def _mapping(document: YamlDocument) -> dict[str, Any]:
@@ -77,8 +92,8 @@ def _mapping(document: YamlDocument) -> dict[str, Any]:
     return document.data
 
 
-def _where(place: Place, given: Mapping[str, Any], document: YamlDocument | None) -> str:
-    """Return where a key was set: an option of the command, a variable of the environment, or a line of the file."""
+def _where(place: Place, given: Mapping[str, Any], secrets: Path, document: YamlDocument | None) -> str:
+    """Return where a key was set: an option of the command, a variable, a secret, or a line of the file."""
     key = ".".join(str(part) for part in place)
     if _is_given(place, given):
         return f"{key}: "
@@ -86,6 +101,9 @@ def _where(place: Place, given: Mapping[str, Any], document: YamlDocument | None
     variable = next((name for name in names if name in os.environ), None)
     if variable is not None:
         return f"{variable}: {key}: "
+    secret = next((secrets / name for name in names if (secrets / name).exists()), None)
+    if secret is not None:
+        return f"{secret}: {key}: "
     return f"{document.where(place)}: " if document is not None and document.holds(place[:1]) else f"{key}: "
 
 
