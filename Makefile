@@ -10,6 +10,8 @@
 # make api-docs   writes docs/api.md
 # make soak   random goals and random faults for half an hour: MINUTES=n, SEED=n; the report goes to out/soak
 # make network   installs iproute2 (Debian, as root), without which the tests across several hosts are skipped
+# make images-test   builds the container images from Debian's packages and runs the demo in them (as root, on Debian 12)
+# make notice   writes NOTICE: what the images contain, and under which licences
 # make train  makes data and trains the edge models from nothing (three hours on two cores), into runs/
 
 PYTHON ?= python3
@@ -21,7 +23,7 @@ MINUTES ?= 30
 JOBS ?= 2
 TRAIN := $(BIN)/revnm-train
 
-.PHONY: demo check format test test-training test-wheels test-slow browser wheels bandit audit api-docs soak network test-guides train clean
+.PHONY: demo check format test test-training test-wheels test-slow browser wheels bandit audit api-docs soak network test-guides images images-test notice train clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/revnm-sim demo --seed $(SEED) $(if $(HEADLESS),--headless) $(if $(PLANNER),--planner $(PLANNER))
@@ -77,6 +79,19 @@ soak: $(VENV)/run.stamp
 
 network:
 	command -v ip >/dev/null || { apt-get update -qq && apt-get install -y -qq --no-install-recommends iproute2; }
+
+images:
+	command -v podman >/dev/null && command -v mmdebstrap >/dev/null && [ -d /usr/lib/cni ] || { apt-get update -qq && \
+	    apt-get install -y -qq --no-install-recommends podman crun conmon containernetworking-plugins iptables iproute2 mmdebstrap; }
+	tests/docker/build.sh
+
+images-test: $(VENV)/dev.stamp images
+	$(PIP) --group images
+	$(BIN)/pytest --quiet -m slow tests/docker/test_accelerators.py
+	tests/docker/apart.sh $(BIN)/pytest --quiet -m slow tests/docker --ignore tests/docker/test_accelerators.py
+
+notice: images
+	tests/docker/apart.sh $(PYTHON) docker/notice.py
 
 train: $(VENV)/dev.stamp
 	$(TRAIN) synth --episodes 6000 --seed 20 --out data/edge --jobs $(JOBS)
