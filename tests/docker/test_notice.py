@@ -34,7 +34,7 @@ def needed(name: str, extras: frozenset[str] = frozenset()) -> set[str]:
 
 
 def noticed(image: str) -> dict[str, str]:
-    section = (ROOT / "NOTICE").read_text().split(f"Python packages of {image}\n")[1].split("\n\n", 2)[1]
+    section = (ROOT / "NOTICE").read_text().split(f"Python packages of {image}\n")[1].split("\n\n")[0]
     return {normal(match[1]): match[2] for match in map(LINE.fullmatch, section.splitlines()) if match}
 
 

@@ -65,9 +65,11 @@ def load_settings(
             init_settings: PydanticBaseSettingsSource,
             env_settings: PydanticBaseSettingsSource,
             dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003
-            file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
+            file_secret_settings: PydanticBaseSettingsSource,
         ) -> tuple[PydanticBaseSettingsSource, ...]:
-            in_secrets = NestedSecretsSettingsSource(settings_cls, secrets_dir=secrets, secrets_dir_missing="ok")
+            in_secrets = NestedSecretsSettingsSource(
+                file_secret_settings, secrets_dir=secrets, secrets_dir_missing="ok"
+            )
             return init_settings, env_settings, in_secrets, InitSettingsSource(settings_cls, in_file)
 
     given = overrides or {}
