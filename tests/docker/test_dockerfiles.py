@@ -91,6 +91,14 @@ def test_the_settings_of_the_demo_are_good() -> None:
     assert settings.http.host == "0.0.0.0"
 
 
+def test_the_settings_of_the_example_are_good(tmp_path: Path) -> None:
+    (tmp_path / "REVNM_HTTP__TOKEN").write_text("0123456789abcdefXYZ")
+    settings = load_settings(DOCKER / "server.example.yaml", secrets=tmp_path)
+    mounts = {each.split(":")[1] for each in services(DOCKER / "compose.edge.yaml")["server"]["volumes"]}
+    assert {str(each) for each in (*settings.certificates, settings.zenoh.key, settings.http.key)} <= mounts
+    assert str(settings.state_file).startswith("/var/lib/revnm/")
+
+
 @pytest.mark.parametrize("accelerator", ["cpu", "cuda", "openvino"])
 @pytest.mark.parametrize("projects", BUILDS, ids=" ".join)
 def test_whatever_a_build_installs_is_pinned(projects: tuple[str, ...], accelerator: str) -> None:
