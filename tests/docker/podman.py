@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 from typing import Any
 
@@ -39,7 +38,8 @@ def inspected(image: str) -> dict[str, Any]:
 
 
 def need_images() -> None:
-    """Skip the test where there are no images; in CI, fail."""
-    built = shutil.which("podman") and all(run("podman", "image", "exists", image).returncode == 0 for image in IMAGES)
-    if not built:
-        (pytest.fail if os.environ.get("CI") else pytest.skip)("make images-test builds the images first")
+    """Skip the test where nobody has built images, and given it a network of its own."""
+    if os.environ.get("APART") != "1":
+        pytest.skip("make images-test builds the images, and runs this")
+    for image in IMAGES:
+        podman("image", "exists", image)
