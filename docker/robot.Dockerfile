@@ -32,6 +32,8 @@ COPY --from=build /opt/revnm /opt/revnm
 COPY --from=build /packages /opt/revnm
 COPY LICENSE NOTICE /usr/share/doc/revnm/
 ENV PATH=/opt/revnm/bin:$PATH PYTHONUNBUFFERED=1
+# Where paths in the settings file count from.
+WORKDIR /etc/revnm
 USER 10001:10001
 STOPSIGNAL SIGTERM
 ENTRYPOINT ["revnm-robot"]

@@ -28,12 +28,13 @@ COMPOSE = (Path(sys.executable).with_name("podman-compose"), "--file", ROOT / "d
 @pytest.fixture
 def api() -> Iterator[ServerApi]:
     need_images()
+    run(*COMPOSE, "down", "--volumes")  # of a run that was cut
     try:
-        up = run(*COMPOSE, "up", "--detach", "--no-build", within_s=120.0)
+        up = run(*COMPOSE, "up", "--detach", "--no-build")
         assert up.returncode == 0, up.stdout + up.stderr
         yield ServerApi("http://127.0.0.1:8000")
     finally:
-        run(*COMPOSE, "down", "--volumes", within_s=120.0)
+        run(*COMPOSE, "down", "--volumes")
 
 
 def robot(api: ServerApi) -> dict[str, Any]:
