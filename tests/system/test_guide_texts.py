@@ -14,7 +14,6 @@ from .guide import ROOT, guides, tokens
 from .quotes import is_said
 
 _QUOTES = "<!-- quotes -->"
-_COMING = {ROOT / name for name in ("docs/containers.md",)}
 
 
 def _quotes(guide: Path) -> Iterator[str]:
@@ -70,8 +69,6 @@ def _links(every: list[Token]) -> Iterator[str]:
 def _is_there(guide: Path, link: str) -> bool:
     path, _, anchor = link.partition("#")
     target = guide if not path else (guide.parent / path).resolve()
-    if target in _COMING:
-        return True
     if not target.exists() or not target.is_relative_to(ROOT):
         return False
     return not anchor or anchor in _anchors(target)
