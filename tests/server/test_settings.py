@@ -203,13 +203,15 @@ def test_certificates_of_robots_beside_the_authority_are_looked_at_too(tmp_path:
     (tmp_path / "rover/robot.pem").touch()
     settings = load_settings(overrides={"zenoh": TLS | {"authority": str(tmp_path / "authority.pem")}})
     assert settings.certificates == [Path("c.pem"), tmp_path / "authority.pem", tmp_path / "rover/robot.pem"]
+
+
 def test_environment_over_secrets_over_file(config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config.write_text("http: {port: 1001, token: tokenofthefile123}\n")
     secrets = tmp_path / "secrets"
     secrets.mkdir()
     (secrets / "REVNM_HTTP__TOKEN").write_text("tokenofthesecret1\n")  # as editors and echo end it
     (secrets / "REVNM_HTTP__PORT").write_text("1002")
-    (secrets / "of_another_program").write_text("x")
+    (secrets / "keystore_of_another_program").write_bytes(b"\xff")
     monkeypatch.setenv("REVNM_HTTP__PORT", "1003")
     http = load_settings(config, secrets=secrets).http
     assert http.token is not None

@@ -28,6 +28,15 @@ _PREFIX = "REVNM_"
 _NESTED = "__"
 
 
+class _Secrets(NestedSecretsSettingsSource):
+    """Files of our names; those of other programs in the folder are left alone."""
+
+    @classmethod
+    def load_secrets(cls, path: Path) -> dict[str, str]:
+        """Return what the files say, by their names."""
+        return {file.name: file.read_text(encoding="utf-8").strip() for file in path.glob(f"{_PREFIX}*")}
+
+
 class BadSettingsError(ConfigError):
     """Settings are wrong.
 
@@ -67,9 +76,7 @@ def load_settings(
             dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003
             file_secret_settings: PydanticBaseSettingsSource,
         ) -> tuple[PydanticBaseSettingsSource, ...]:
-            in_secrets = NestedSecretsSettingsSource(
-                file_secret_settings, secrets_dir=secrets, secrets_dir_missing="ok"
-            )
+            in_secrets = _Secrets(file_secret_settings, secrets_dir=secrets, secrets_dir_missing="ok")
             return init_settings, env_settings, in_secrets, InitSettingsSource(settings_cls, in_file)
 
     given = overrides or {}
