@@ -21,6 +21,7 @@ HEAD = """\
 
 Made from the server's OpenAPI document by `make api-docs`. A running server gives that document at
 `/api/v1/openapi.json`, for programs that make clients of it. `SERVER` is its address, `$TOKEN` one of its tokens.
+Where the server has a certificate, it is `https://`, and curl needs `--cacert pki/authority.pem`.
 """
 NUMBERS = re.compile(r"\[[\s\d.,\[\]-]*\]")  # lists of numbers stand in one line
 WHO = {None: "everyone, without a token", "viewer": "viewer, operator", "operator": "operator"}

@@ -13,7 +13,7 @@ from revnm_client.version_option import VersionAction
 _HELP = {
     "bench": "measure the controller and the loop on this machine",
     "run": "follow the server's plans until Ctrl-C",
-    "watch": "show a drive in this terminal, from any machine",
+    "watch": "show a drive in this terminal, beside a client that runs",
     "doctor": "look at server, clock, LiDAR and odometry, and say what to mend",
     "config": "check a settings file, or print its schema",
 }

@@ -132,7 +132,7 @@ def standing_odometry(t: int) -> Odometry:
         ),
         (
             {"clock": ProbeReading(None, None, None, 0, "", 0)}, "clock", "FAULT",
-            "do its settings have a robot called rover?",
+            "do its settings have a robot called rover, and its certificate that name?",
         ),
         ({"clock": ProbeReading(5000 * MS, 2 * MS, "edge", 0, "", 0)}, "clock", "WARN", "+5000.0 ms from this one's"),
         ({"clock": ProbeReading(0, 300 * MS, "edge", 0, "", 0)}, "clock", "WARN", "the network is slow"),
@@ -252,7 +252,7 @@ def test_the_command_finds_a_server_that_does_not_know_the_robot(endpoint, route
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("FAULT")]
     assert line.split(maxsplit=2)[1:] == [
         "clock",
-        "the server does not tell its time: do its settings have a robot called rover?",
+        "the server does not tell its time: do its settings have a robot called rover, and its certificate that name?",
     ]
 
 

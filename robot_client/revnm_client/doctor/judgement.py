@@ -83,7 +83,8 @@ def _clock(seen: Observation, settings: RobotSettings) -> Iterator[Finding]:
         return
     offset_ns, round_trip_ns = seen.clock.offset_ns, seen.clock.round_trip_ns
     if offset_ns is None or round_trip_ns is None:
-        text = f"the server does not tell its time: do its settings have a robot called {settings.robot}?"
+        asked = f"do its settings have a robot called {settings.robot}, and its certificate that name?"
+        text = f"the server does not tell its time: {asked}"
         yield Finding(Verdict.FAULT, "clock", text)
         return
     text = f"server's clock {offset_ns * 1e-6:+.1f} ms from this one's, round trip {round_trip_ns * 1e-6:.1f} ms"

@@ -12,6 +12,7 @@ from revnm_client.errors import FileError
 
 _TIMEOUT_S = 3.0
 _REFUSES_WITHIN_S = 0.5
+_THIS_MACHINE = ("127.0.0.1", "localhost", "::1")
 _TCP = re.compile(r"(tcp|tls)/\[?([^\]/]+?)\]?:([0-9]{1,5})(?:[?#].*)?")
 
 
@@ -61,6 +62,8 @@ def _problem(host: str, port: int, tls: ssl.SSLContext | None) -> str | None:
     except TimeoutError:
         return f"no answer in {_TIMEOUT_S:g} s: check the address, the network and the firewall there"
     except ConnectionRefusedError:
+        if host in _THIS_MACHINE:
+            return "nothing listens there: does it run, on this machine?"
         return "nothing listens there: is it running, and does it listen on an address that others reach?"
     except ssl.SSLCertVerificationError as error:
         return f"its certificate is not to be trusted: {error.verify_message.rstrip('.')}"
