@@ -3,6 +3,7 @@
 # make check  format, lint, types, architecture
 # make test   all tests but the slow ones
 # make test-training   the slow tests of training and export (ten minutes); make test-slow has all that are slow
+# make test-network   a robot and a server on two hosts whose network, server, router and disk fail (three minutes; as root)
 # make test-guides   the long commands of the guides, as printed (three minutes); make test runs the short ones
 # make browser   installs Chromium (Debian, as root), without which the tests of the page are skipped
 # make wheels   builds the four packages into dist/; make test-wheels installs them from there into a new environment and runs them
@@ -23,7 +24,7 @@ MINUTES ?= 30
 JOBS ?= 2
 TRAIN := $(BIN)/revnm-train
 
-.PHONY: demo check format test test-training test-wheels test-slow browser wheels bandit audit api-docs soak network test-guides images images-test notice train clean
+.PHONY: test-network demo check format test test-training test-wheels test-slow browser wheels bandit audit api-docs soak network test-guides images images-test notice train clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/revnm-sim demo --seed $(SEED) $(if $(HEADLESS),--headless) $(if $(PLANNER),--planner $(PLANNER))
@@ -46,6 +47,9 @@ test-training: $(VENV)/dev.stamp
 
 test-wheels: $(VENV)/dev.stamp wheels
 	$(BIN)/pytest --quiet -m slow tests/system/test_wheels.py
+
+test-network: $(VENV)/dev.stamp network
+	$(BIN)/pytest --quiet -m slow tests/system/test_network_faults.py tests/system/test_two_servers.py
 
 test-guides: $(VENV)/dev.stamp
 	$(BIN)/pytest --quiet -m slow tests/system/test_guides.py

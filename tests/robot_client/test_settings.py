@@ -259,7 +259,7 @@ def test_a_damaged_file_gives_settings_or_an_error_of_ours():
 
 
 def test_the_guides_twelve_lines_are_right():
-    (example,) = re.findall(r"```yaml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    example, *_ = re.findall(r"```yaml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     assert len(example.splitlines()) == 12
     settings = load(example)
     assert settings.driver.options == {"connect": ("tcp/127.0.0.1:7447",), "cmd_vel": "twist"}

@@ -37,7 +37,9 @@ def test_malformed_endpoint_is_an_error_that_says_so(capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_command_ends_when_it_is_told_to_or_its_terminal_is_closed(number: signal.Signals) -> None:
     command = [Path(sys.executable).with_name("revnm-sim"), "run", "--connect", f"tcp/127.0.0.1:{free_port()}"]
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # these tests may run under nohup
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        signal.signal(signal.SIGHUP, before)
         try:
             assert process.stderr is not None
             assert any("waiting for" in line for line in process.stderr)

@@ -32,6 +32,8 @@ from .network_stage import NetworkStage, network_stage
 from .site import SERVER_HOSTS
 from .speed_gauge import SpeedGauge
 
+pytestmark = pytest.mark.slow
+
 STANDS_WITHIN_S = 0.7
 DRIVES_MPS = 0.2
 OLDEST_PLAN_MS = 500.0

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from tests.server.waiting import eventually
 
 from .hall import ROBOT, SCENARIO
@@ -16,6 +17,8 @@ from .network_stage import NetworkStage, network_stage
 from .server import Server
 from .site import SERVER_HOSTS
 from .speed_gauge import SpeedGauge
+
+pytestmark = pytest.mark.slow
 
 BEHIND_M = (-2.0, 1.2)
 ASK_EVERY_S = 0.1
