@@ -106,7 +106,7 @@ class Reader:
         self._wait(lambda: until in self.output[seen:] or done.exists() or self._over(), within_s, seen)
         assert until in self.output[seen:], f"ended before it printed {until!r}:\n{self.output[seen:]}"
         self._signal(signal.SIGINT)
-        self._wait(lambda: done.exists() or self._over(), 20.0, seen)
+        self._wait(lambda: done.exists() or self._over(), 60.0, seen)
         return self._checked(done, seen)
 
     def _wait(self, condition: Callable[[], bool], within_s: float, seen: int) -> None:
