@@ -299,13 +299,18 @@ def test_a_server_without_its_state_file_catches_up_with_the_robot(
         eventually(lambda: robot.say(epoch=50) or service.mission.of("rover").epoch == 51)
 
 
+def claim(service: NavigationService, robot: RobotEnd) -> None:
+    """Send plans to a robot that says that it follows another server, yard."""
+    eventually(lambda: robot.say(server="yard") or rover(service).robot_state is not None)
+    service.mission.set_goal("rover", 10.0, 10.0, size_px=(320, 240))
+    eventually(lambda: robot.plans)
+
+
 def test_a_robot_that_follows_another_server_is_waited_for_and_not_outbid(
     service: NavigationService, client: zenoh.Session
 ) -> None:
     with RobotEnd(client) as robot, CameraFeed(client):
-        eventually(lambda: robot.say(server="yard") or rover(service).robot_state is not None)
-        service.mission.set_goal("rover", 10.0, 10.0, size_px=(320, 240))
-        eventually(lambda: robot.plans)
+        claim(service, robot)
         eventually(lambda: robot.say(server="yard", epoch=50) or rover(service).status == "waiting")
         assert rover(service).reason == (
             "the robot follows another server, yard: take it out of the settings of one of the two"
@@ -319,9 +324,7 @@ def test_a_server_that_ends_leaves_a_robot_alone_that_follows_another(
     service: NavigationService, client: zenoh.Session
 ) -> None:
     with RobotEnd(client) as robot, CameraFeed(client):
-        eventually(lambda: robot.say(server="yard") or rover(service).robot_state is not None)
-        service.mission.set_goal("rover", 10.0, 10.0, size_px=(320, 240))
-        eventually(lambda: robot.plans)
+        claim(service, robot)
         service.close()
         assert robot.orders == []
 

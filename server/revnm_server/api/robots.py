@@ -88,7 +88,7 @@ def robots_router(service: NavigationService) -> APIRouter:
 
     @router.delete("/{robot}/goal", status_code=204, responses=responses(_UNKNOWN))
     def drop_goal(robot: RobotName) -> None:
-        """Forget a robot's goal: it gets no more plans and stands within half a second."""
+        """Forget a robot's goal: it gets no more plans and stands within a second."""
         service.mission.drop_goal(robot)
 
     @router.post("/{robot}/stop", responses=responses(_UNKNOWN))
