@@ -36,12 +36,15 @@ class Credentials:
             FileError: A file cannot be read.
         """
         files = {
-            "root_ca_certificate": self.authority,
-            "connect_certificate": self.certificate,
-            "connect_private_key": self.key,
+            "root_ca_certificate": ("authority", self.authority),
+            "connect_certificate": ("certificate", self.certificate),
+            "connect_private_key": ("key", self.key),
         }
-        given = {name: readable(path) for name, path in files.items() if path is not None}
-        settings: dict[str, Any] = {f"transport/link/tls/{name}": path for name, path in given.items()}
+        settings: dict[str, Any] = {
+            f"transport/link/tls/{name}": readable(path, key=f"security.{key}", maker="revnm-server pki robot")
+            for name, (key, path) in files.items()
+            if path is not None
+        }
         if self.certificate is not None:
             settings["transport/link/tls/enable_mtls"] = True
         if self.password is not None:
@@ -50,8 +53,13 @@ class Credentials:
         return settings
 
 
-def readable(path: Path) -> str:
+def readable(path: Path, *, key: str, maker: str) -> str:
     """Return the path of a file that can be read: Zenoh itself would not say which one cannot.
+
+    Args:
+        path: The file.
+        key: Of the settings that name it.
+        maker: The command that makes such files.
 
     Raises:
         FileError: It cannot.
@@ -59,8 +67,10 @@ def readable(path: Path) -> str:
     try:
         with path.open("rb"):
             return str(path.absolute())
+    except FileNotFoundError as error:
+        raise FileError(f"{key}: {path}: cannot be read: there is no such file ({maker} makes it)") from error
     except OSError as error:
-        raise FileError(f"{path}: cannot be read: {error.strerror}") from error
+        raise FileError(f"{key}: {path}: cannot be read: {error.strerror}") from error
 
 
 def read_password(path: Path) -> str:
@@ -72,8 +82,10 @@ def read_password(path: Path) -> str:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"{path}: cannot be read: {error}") from error
+        raise FileError(f"security.password_file: {path}: cannot be read: {error}") from error
     password = text.removesuffix("\n").removesuffix("\r")
     if not password or not password.isprintable() or len(password) > _LONGEST:
-        raise FileError(f"{path}: expected the password on one line, 1 to {_LONGEST} characters")
+        raise FileError(
+            f"security.password_file: {path}: expected the password on one line, 1 to {_LONGEST} characters"
+        )
     return password

@@ -94,8 +94,8 @@ class RobotRunner:
         self._agent = agent
         self._on_tick = on_tick
         self._jump = ClockJump()
-        self._reasons = ReasonLog()
         self._reason: str | None = "not started yet"
+        self._reasons = ReasonLog(self._reason)
         self._reported_rejected = 0
 
     def run(self, stop: threading.Event) -> None:
@@ -148,9 +148,8 @@ class RobotRunner:
             if condition(reason) != condition(self._reason):
                 _log.exception("tick failed")
         self._send(ends, velocity)
-        changed = condition(reason) != condition(self._reason)
         self._reason = reason
-        if changed:
+        if self._reasons.due(reason):
             self._tell_change(ends)
         self._reasons.keep(velocity)
         self._on_tick(reason)

@@ -96,7 +96,7 @@ class Supervisor:
     def objection(self, situation: Situation, now_ns: int) -> str | None:
         """Return why the robot must stand whatever the command; None if it may drive."""
         if situation.stopped:
-            return "stopped by the operator"
+            return "stopped until it is resumed"
         if situation.trouble is not None:
             return situation.trouble
         config = self._config

@@ -19,7 +19,7 @@ class StopDesk:
     """Holds the requests until the control loop asks for them; a context manager.
 
     Attributes:
-        rejected: Number of malformed or refused requests, each answered with an error.
+        rejected: Number of malformed requests. Those, and sound ones that are refused, are answered with an error.
         last_error: Why the last one was; empty when none was.
     """
 
@@ -47,10 +47,15 @@ class StopDesk:
     def _answer(self, query: zenoh.Query, obey: Callable[[StopRequest], StopReply]) -> None:
         payload = b"" if query.payload is None else query.payload.to_bytes()
         try:
-            reply = obey(decode_stop_request(payload))
+            request = decode_stop_request(payload)
         except MessageError as error:
             self.rejected += 1
             self.last_error = f"{self._key}: {error}"
+            query.reply_err(str(error))
+            return
+        try:
+            reply = obey(request)
+        except MessageError as error:
             query.reply_err(str(error))
         else:
             query.reply(self._key, encode_stop_reply(reply))

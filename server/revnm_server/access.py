@@ -14,11 +14,23 @@ from typing import Any, Literal, NamedTuple
 from revnm_client import keys
 from revnm_client.credentials import readable
 from revnm_client.errors import FileError
-from revnm_server.settings import ZenohSettings
+from revnm_server.camera.url import ZenohCamera, parse_camera_url
+from revnm_server.settings import Settings, ZenohSettings
 
 _LEAST_PASSWORD = 8
 
 Identity = Literal["cert_common_names", "usernames"]
+
+
+def security_of(settings: Settings) -> dict[str, Any]:
+    """Return :func:`router_security` for everybody whom the settings name.
+
+    Raises:
+        FileError: A file cannot be read, or the passwords are malformed, or lack a robot's.
+    """
+    camera = parse_camera_url(settings.camera.url)
+    cameras = [camera.name] if isinstance(camera, ZenohCamera) else []
+    return router_security(settings.zenoh, settings.robots, cameras)
 
 
 def router_security(settings: ZenohSettings, robots: Collection[str], cameras: Collection[str]) -> dict[str, Any]:
@@ -34,17 +46,21 @@ def router_security(settings: ZenohSettings, robots: Collection[str], cameras: C
     """
     security: dict[str, Any] = {}
     if settings.certificate is not None and settings.key is not None:
-        security["transport/link/tls/listen_certificate"] = readable(settings.certificate)
-        security["transport/link/tls/listen_private_key"] = readable(settings.key)
+        security["transport/link/tls/listen_certificate"] = _readable(settings.certificate, "certificate")
+        security["transport/link/tls/listen_private_key"] = _readable(settings.key, "key")
     if settings.authority is not None:
-        security["transport/link/tls/root_ca_certificate"] = readable(settings.authority)
+        security["transport/link/tls/root_ca_certificate"] = _readable(settings.authority, "authority")
         security["transport/link/tls/enable_mtls"] = True
         security["access_control"] = access_lists(robots, cameras, known_by="cert_common_names")
     if settings.passwords is not None:
         _check_passwords(settings.passwords, [*robots, *cameras])
-        security["transport/auth/usrpwd/dictionary_file"] = readable(settings.passwords)
+        security["transport/auth/usrpwd/dictionary_file"] = str(settings.passwords.absolute())
         security["access_control"] = access_lists(robots, cameras, known_by="usernames")
     return security
+
+
+def _readable(path: Path, key: str) -> str:
+    return readable(path, key=f"zenoh.{key}", maker="revnm-server pki init")
 
 
 def _check_passwords(path: Path, needed: Collection[str]) -> None:
@@ -56,7 +72,7 @@ def _check_passwords(path: Path, needed: Collection[str]) -> None:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"{path}: cannot be read: {error}") from error
+        raise FileError(f"zenoh.passwords: {path}: cannot be read: {error}") from error
     names = set()
     for number, line in enumerate(lines, start=1):
         name, colon, password = line.partition(":")

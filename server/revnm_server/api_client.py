@@ -9,11 +9,14 @@ import ssl
 import urllib.error
 import urllib.request
 from dataclasses import dataclass
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Literal
 
 from revnm_client.errors import ConfigError, LinkError
 from revnm_server.settings import HttpSettings
+
+_UNAUTHORIZED = "expected the token that the running server was started with: REVNM_HTTP__TOKEN"
 
 
 class NoServerError(LinkError):
@@ -84,7 +87,8 @@ def call(
             return json.loads(answer.read())
     except urllib.error.HTTPError as error:
         with error:
-            raise LinkError(f"{url} answers {error.code}: {_detail(error.read())}") from error
+            advice = f" ({_UNAUTHORIZED})" if error.code == HTTPStatus.UNAUTHORIZED else ""
+            raise LinkError(f"{url} answers {error.code}: {_detail(error.read())}{advice}") from error
     except (ValueError, http.client.HTTPException) as error:
         raise LinkError(f"{url} is no ReVNM server: {error}") from error
     except OSError as error:  # URLError is one

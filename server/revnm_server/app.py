@@ -6,17 +6,15 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import zenoh
 from threadpoolctl import threadpool_limits
 
 from revnm_client.link import open_router
-from revnm_server.access import router_security
+from revnm_server.access import security_of
 from revnm_server.assembly import build_map_pipeline, build_pipeline, load_models, plans_on_map
 from revnm_server.bundle import Bundle, DepthBundle, default_bundle_path
 from revnm_server.camera import open_camera
-from revnm_server.camera.url import ZenohCamera, parse_camera_url
 from revnm_server.http_server import listen, page_url, serving_http
 from revnm_server.map_pipeline import MapPipeline
 from revnm_server.mission import Mission
@@ -71,7 +69,7 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         ending = _certificate_notes(settings)
         mission = Mission(settings.robots, state_file=settings.state_file)
         listener = stack.enter_context(listen(settings.http))
-        session = stack.enter_context(open_router(settings.zenoh.listen, security=_security(settings)))
+        session = stack.enter_context(open_router(settings.zenoh.listen, security=security_of(settings)))
         camera = open_camera(settings.camera.url, session)
         stack.callback(camera.close)
         heard = HeardLog()
@@ -102,12 +100,6 @@ def running_server(settings: Settings) -> Iterator[RunningServer]:
         stack.callback(service.close)
         service.start()
         yield RunningServer(page_url(settings.http, listener), service, session, answers)
-
-
-def _security(settings: Settings) -> dict[str, Any]:
-    camera = parse_camera_url(settings.camera.url)
-    cameras = [camera.name] if isinstance(camera, ZenohCamera) else []
-    return router_security(settings.zenoh, settings.robots, cameras)
 
 
 def _notes(models: Bundle | DepthBundle, settings: PerceptionSettings) -> list[str]:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from revnm_client.errors import RevnmError
+from revnm_client.exit_status import exit_status
 from revnm_client.version_option import VersionAction
 
 _HELP = {
@@ -25,14 +25,10 @@ _HELP = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit status: the command's, or 2 where the user can mend what is wrong."""
+    """Run the command line; return its :func:`revnm_client.exit_status.exit_status`."""
     words = list(sys.argv[1:] if argv is None else argv)
     options = build_parser(words).parse_args(words)
-    try:
-        return int(options.run(options))
-    except RevnmError as error:
-        print(f"revnm-server: {error}", file=sys.stderr)
-        return 2
+    return exit_status("revnm-server", lambda: int(options.run(options)))
 
 
 def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:

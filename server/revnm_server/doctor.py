@@ -15,6 +15,7 @@ _FEWEST_FPS = 5.0
 _OLDEST_FRAME_S = 0.5
 _LEAST_TAG_PX = 24.0
 _OLDEST_SIGHTING_S = 1.0
+_LONGEST_HIDDEN_S = 10.0
 _OLDEST_STATE_S = 3.0
 _LARGEST_OFFSET_MS = 100.0
 
@@ -96,15 +97,23 @@ def _tag(robot: RobotView, tag_id: int | None) -> Finding:
             Verdict.WARNING, subject, "the server has this robot, these settings have not: give it the same ones"
         )
     if robot.tag_px is None or robot.sighting_age_s is None or robot.sighting_age_s > _OLDEST_SIGHTING_S:
-        text = (
-            f"AprilTag 36h11, id {tag_id}, is not in the picture: place the robot in sight, check the id and the light"
-        )
-        return Finding(Verdict.FAULT, subject, text)
+        return _unseen(robot, tag_id)
     text = f"id {tag_id} seen, {robot.tag_px:.0f} px along its shortest side"
     if robot.tag_px < _LEAST_TAG_PX:
         advice = f"expected {_LEAST_TAG_PX:.0f} px where robots drive: a larger tag, or more pixels from the camera"
         return Finding(Verdict.WARNING, subject, f"{text}: {advice}")
     return Finding(Verdict.GOOD, subject, text)
+
+
+def _unseen(robot: RobotView, tag_id: int) -> Finding:
+    tag, age_s = f"AprilTag 36h11, id {tag_id}", robot.sighting_age_s
+    advice = "place the robot in sight, check the id and the light"
+    if age_s is None:
+        return Finding(Verdict.FAULT, f"{robot.name}: tag", f"{tag}, is not in the picture: {advice}")
+    if age_s > _LONGEST_HIDDEN_S:
+        return Finding(Verdict.FAULT, f"{robot.name}: tag", f"{tag}, was last seen {age_s:.0f} s ago: {advice}")
+    text = f"{tag}, was last seen {age_s:.1f} s ago: it comes and goes: see what hides it, the light, its size"
+    return Finding(Verdict.WARNING, f"{robot.name}: tag", text)
 
 
 def _link(robot: RobotView) -> Iterator[Finding]:

@@ -27,7 +27,8 @@ def listen(settings: HttpSettings) -> socket.socket:
     try:
         listener = socket.create_server((settings.host, settings.port), family=family)
     except OSError as error:
-        raise ConfigError(f"cannot serve HTTP on {settings.host}:{settings.port}: {error.strerror}") from error
+        place = f"{settings.host}:{settings.port}"
+        raise ConfigError(f"cannot serve HTTP on {place}: {error.strerror} (--http takes another)") from error
     # Only where the protocol is named does asyncio let answers go at once (TCP_NODELAY).
     return socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP, fileno=listener.detach())
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Literal
 
@@ -32,11 +32,18 @@ class OrderCourier:
     Args:
         session: An open session.
         mission: Says what each robot is to be told, and is told what has been confirmed.
+        on_confirmed: Is told which robot has just confirmed an order, from any thread.
     """
 
-    def __init__(self, session: zenoh.Session, mission: Mission) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        mission: Mission,
+        on_confirmed: Callable[[str], None] = lambda robot: None,  # noqa: ARG005
+    ) -> None:
         self._session = session
         self._mission = mission
+        self._on_confirmed = on_confirmed
         self._one_at_a_time = {robot: threading.Lock() for robot in mission.names}
         self._rejected = dict.fromkeys(mission.names, 0)
         self._closing = threading.Event()
@@ -72,6 +79,7 @@ class OrderCourier:
                 return True
             if not self._ask(robot, wanted.order, wanted.epoch):
                 return False
+            self._on_confirmed(robot)
             self._mission.confirm(robot, wanted)
             return True
         finally:

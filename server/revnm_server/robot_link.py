@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import re
 import socket
 import time
@@ -29,6 +30,7 @@ logger = logging.getLogger(__name__)
 
 _NEWS_S = 1.0  # a robot says how it is twice a second
 _SLOW_MPS, _SLOW_RADPS = 0.05, 0.1
+_ON_THE_WAY_S = 0.3  # a state from before an order was confirmed may be heard so much later
 
 
 def server_name(listen: Sequence[str]) -> str:
@@ -56,6 +58,7 @@ class RobotLink:
         self.server = server
         self.state: dict[str, Scalar] | None = None
         self._heard_s = 0.0
+        self._confirmed_s = -math.inf
         self._time_key = keys.time(robot)
         self._time_rejected = 0
         self._subscriber = LatestSubscriber(session, keys.state(robot))
@@ -75,6 +78,17 @@ class RobotLink:
     def state_age_s(self) -> float | None:
         """Time since the robot was heard; None before that."""
         return time.monotonic() - self._heard_s if self.state is not None else None
+
+    def note_confirmed(self) -> None:
+        """Note that the robot has just confirmed an order: what it said of its stop before is out of date."""
+        self._confirmed_s = time.monotonic()
+
+    @property
+    def stop_latched(self) -> bool | None:
+        """Whether the robot says that its stop is latched; None where it has not said since its last order."""
+        if self.state is None or self._heard_s <= self._confirmed_s + _ON_THE_WAY_S:
+            return None
+        return self.state["stopped"] is True
 
     @property
     def followed(self) -> str | None:

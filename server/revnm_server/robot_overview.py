@@ -13,8 +13,11 @@ from revnm_server.frame import RobotSighting
 from revnm_server.mission import Goal, RobotMission
 from revnm_server.robot_link import RobotLink
 from revnm_server.site_report import SiteRoute
+from revnm_server.tag_plane import path_in_picture
 from revnm_server.tick_memory import Remembered, SentPlan
-from revnm_server.view import GoalView, RobotView, Status, TimingView, pairs, path_in_picture, rounded, scan_view
+from revnm_server.view import GoalView, RobotView, Status, TimingView, pairs, rounded, scan_view
+
+FOREIGN_STOP = "the robot holds a stop that did not come from this server: resume it"
 
 _DRIVING_S = 0.5
 _SILENT_S = 2.0  # robots say how they are twice a second
@@ -51,6 +54,11 @@ class LastOfRobot:
         )
 
 
+def holds_foreign_stop(wanted: RobotMission, link: RobotLink) -> bool:
+    """Return whether a robot stands for somebody else's stop, as of a server that has ended since."""
+    return not wanted.stopped and wanted.order is None and link.stop_latched is True
+
+
 def robot_view(
     link: RobotLink,
     wanted: RobotMission,
@@ -78,9 +86,10 @@ def robot_view(
     sending = last.sent is not None and time.monotonic() - last.sent.at_s <= _DRIVING_S
     unheeded = _unheeded(link) if sending else None
     led = last.route.reason if last.route is not None else ""
-    held = link.state is not None and link.state["stopped"] is True
     trouble = unheeded or trouble or led or _sighting_trouble(seen_age_s)
-    does, reason = _judge(wanted, held=held, driving=sending and unheeded is None, trouble=trouble)
+    does, reason = _judge(
+        wanted, held=holds_foreign_stop(wanted, link), driving=sending and unheeded is None, trouble=trouble
+    )
     if does == "driving":
         reason = "; ".join(text for text in (_robot_trouble(link), led) if text) or None
     shown = last.sent if does == "driving" else None
@@ -121,14 +130,14 @@ def _judge(wanted: RobotMission, *, held: bool, driving: bool, trouble: str) -> 
 
     Args:
         wanted: What the operator wants of it.
-        held: The robot says that its stop is latched.
+        held: The robot stands for a stop of somebody else.
         driving: It is being given plans, and is there.
         trouble: What keeps plans from being made, or from reaching it.
     """
     if wanted.stopped:
         return "stopped", "the robot has not confirmed the stop" if wanted.order is not None else None
-    if held and wanted.order is None:
-        return "stopped", "the robot holds a stop that did not come from this server: resume it"
+    if held:
+        return "stopped", FOREIGN_STOP
     if wanted.goal is None:
         return "no_goal", "the robot has not confirmed to go on" if wanted.order is not None else None
     if wanted.arrived:

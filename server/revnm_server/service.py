@@ -18,11 +18,12 @@ import zenoh
 from revnm_client.messages import Plan
 from revnm_server.camera import CameraSource, CameraState
 from revnm_server.frame import Frame, RobotSighting
-from revnm_server.mission import Goal, Mission
+from revnm_server.mission import Goal, Mission, StoppedError
 from revnm_server.orders import OrderCourier
 from revnm_server.overview import Overview
 from revnm_server.pipeline import RobotPlan, TickResult
 from revnm_server.robot_link import RobotLink
+from revnm_server.robot_overview import FOREIGN_STOP, holds_foreign_stop
 from revnm_server.site_report import SiteReport
 from revnm_server.tick_memory import SeenTick, SentPlan, Tally, TickMemory
 from revnm_server.tick_recorder import ObservedTick, TickRecorder
@@ -81,7 +82,7 @@ class NavigationService:
         self._period_s = 1.0 / tick_hz
         self._name = name
         self._links = {robot: RobotLink(session, robot, server=self._name) for robot in mission.names}
-        self._courier = OrderCourier(session, mission)
+        self._courier = OrderCourier(session, mission, lambda robot: self._links[robot].note_confirmed())
         self._ticks = TickMemory()
         self._overview = Overview(
             camera,
@@ -122,6 +123,18 @@ class NavigationService:
             self._thread.join(_LAST_TICK_S)
         for link in self._links.values():
             link.close()
+
+    def set_goal(self, robot: str, u: float, v: float, *, size_px: tuple[int, int]) -> Goal:
+        """Send ``robot`` to the pixel (u, v) of a picture of ``size_px`` = (width, height).
+
+        Raises:
+            UnknownRobotError: It is not configured.
+            GoalError: The pixel is not finite or outside the picture.
+            StoppedError: Its stop is latched, by this server or another.
+        """
+        if holds_foreign_stop(self.mission.of(robot), self._links[robot]):
+            raise StoppedError(f"{robot}: {FOREIGN_STOP}")
+        return self.mission.set_goal(robot, u, v, size_px=size_px)
 
     def stop(self, robot: str) -> bool:
         """Stop ``robot`` and drop its goal; return whether it has confirmed. Blocks up to about a second.
@@ -194,7 +207,7 @@ class NavigationService:
                 self.mission.catch_up(robot, int(link.state["epoch"] or 0))
             else:  # who would overtake this one's epochs in turn
                 self.mission.leave_to_another(robot)
-            if self.mission.of(robot).stopped and link.state["stopped"] is False:
+            if self.mission.of(robot).stopped and link.stop_latched is False:
                 self.mission.repeat_order(robot)
         self.camera.note_motion(self._driving_in_view())
 

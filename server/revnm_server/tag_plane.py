@@ -15,6 +15,7 @@ from revnm_client.geometry import FloatArray
 from revnm_server.frame import RobotSighting
 
 _SMALLEST_DEPTH = 0.05  # of the tag's own: what lies nearer to the horizon is not drawn
+_FARTHEST_PX = 20_000.0
 _LEAST_NEARNESS = 1e-6  # of the tag's own, which is 1: the horizon's is 0
 
 
@@ -57,3 +58,19 @@ class TagPlane:
         valid = (nearness > _LEAST_NEARNESS) & (nearness < 1.0 / _SMALLEST_DEPTH)
         scale = np.where(valid, points[:, 2], 1.0)
         return np.asarray(points[:, :2] / scale[:, None]), np.asarray(valid)
+
+
+def path_in_picture(waypoints_m: FloatArray, sighting: RobotSighting, *, tag_size_m: float) -> FloatArray:
+    """Draw waypoints in the picture by the homography of the robot's tag: no calibration is needed.
+
+    Args:
+        waypoints_m: (H, 2), metres, in the robot's frame at the sighting.
+        sighting: Where the tag's corners are.
+        tag_size_m: Side of the tag's black border.
+
+    Returns:
+        (K, 2) pixels, K <= H: the path ends where it would leave the plane's visible side.
+    """
+    pixels, visible = TagPlane(sighting, tag_size_m=tag_size_m).project(waypoints_m)
+    near = visible & np.all(np.abs(pixels) < _FARTHEST_PX, axis=1)
+    return np.asarray(pixels[np.logical_and.accumulate(near)], dtype=np.float64)

@@ -11,7 +11,8 @@ from revnm_client.geometry import FloatArray
 from revnm_server.frame import RobotSighting
 from revnm_server.pipeline import TickResult
 from revnm_server.site_report import SiteReport
-from revnm_server.view import Timings, TimingView
+from revnm_server.timings import Timings
+from revnm_server.view import TimingView
 
 _MAX_FAULT_LENGTH = 300
 _HANGS_S = 2.0

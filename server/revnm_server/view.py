@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,11 +13,7 @@ from revnm_client.json_payload import Scalar
 from revnm_client.messages import Scan
 from revnm_server.calibration.calibrator import CalibrationState
 from revnm_server.floor_camera import FloorCamera
-from revnm_server.frame import RobotSighting
-from revnm_server.tag_plane import TagPlane
 
-_TIMINGS_KEPT = 200
-_FARTHEST_PX = 20_000.0
 _MOST_SCAN_POINTS = 180
 
 Pair = tuple[float, float]
@@ -250,32 +244,6 @@ class ServerView:
     recording: RecordingView | None = None
 
 
-class Timings:
-    """The last durations of each stage, and how many there were, and their sum."""
-
-    def __init__(self) -> None:
-        self._kept_ms: dict[str, deque[float]] = {}
-        self._totals_ms: dict[str, tuple[int, float]] = {}
-
-    def add(self, timings_ms: Mapping[str, float]) -> None:
-        """Take the durations of one tick."""
-        for stage, duration_ms in timings_ms.items():
-            self._kept_ms.setdefault(stage, deque(maxlen=_TIMINGS_KEPT)).append(duration_ms)
-            count, sum_ms = self._totals_ms.get(stage, (0, 0.0))
-            self._totals_ms[stage] = count + 1, sum_ms + duration_ms
-
-    def totals_ms(self) -> dict[str, tuple[int, float]]:
-        """Return by stage how often it ran and how long it took in all, milliseconds."""
-        return dict(self._totals_ms)
-
-    def view(self) -> dict[str, TimingView]:
-        """Return the percentiles by stage."""
-        return {
-            stage: TimingView(*(round(float(p), 2) for p in np.percentile(list(kept), (50, 95))))
-            for stage, kept in self._kept_ms.items()
-        }
-
-
 def pairs(points: FloatArray, *, digits: int) -> list[Pair]:
     """Return points (N, 2) as rounded pairs."""
     return [(round(float(x), digits), round(float(y), digits)) for x, y in points]
@@ -296,22 +264,6 @@ def scan_view(scan: Scan, *, now_ns: int) -> ScanView:
     points = padded[nearest, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     points = scan.robot_from_lidar.apply(points)
     return ScanView(pairs(points, digits=2), round((now_ns - scan.stamp_ns) / 1e9, 3))
-
-
-def path_in_picture(waypoints_m: FloatArray, sighting: RobotSighting, *, tag_size_m: float) -> FloatArray:
-    """Draw waypoints in the picture by the homography of the robot's tag: no calibration is needed.
-
-    Args:
-        waypoints_m: (H, 2), metres, in the robot's frame at the sighting.
-        sighting: Where the tag's corners are.
-        tag_size_m: Side of the tag's black border.
-
-    Returns:
-        (K, 2) pixels, K <= H: the path ends where it would leave the plane's visible side.
-    """
-    pixels, visible = TagPlane(sighting, tag_size_m=tag_size_m).project(waypoints_m)
-    near = visible & np.all(np.abs(pixels) < _FARTHEST_PX, axis=1)
-    return np.asarray(pixels[np.logical_and.accumulate(near)], dtype=np.float64)
 
 
 def rounded(value: float | None, digits: int) -> float | None:

@@ -10,12 +10,14 @@ import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib import import_module
+from pathlib import Path
+from typing import Any
 
-from revnm_client.errors import LinkError, RevnmError
+from revnm_client.errors import ConfigError, LinkError
+from revnm_client.exit_status import exit_status
 from revnm_client.version_option import VersionAction
 
-_DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-_INTERRUPTED = 130
+_DEFAULT_ROBOT = "rover"
 _MEASURES = {
     "bench": ("methods against each other in closed loop", "bench.command"),
     "world": ("draw a world, or check it against measurements", "world_command"),
@@ -30,7 +32,7 @@ _MEASURES = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status: 2 for what the person who called can mend, 130 after Ctrl-C.
+    """Run the command; return its :func:`revnm_client.exit_status.exit_status`.
 
     SIGTERM and the end of the terminal are like Ctrl-C: what a command has started ends with it.
     """
@@ -39,14 +41,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     arguments = build_parser(words).parse_args(words)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
-    try:
-        return int(arguments.run(arguments))
-    except RevnmError as error:
-        print(f"revnm-sim: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("revnm-sim: stopped; a benchmark goes on with the same command", file=sys.stderr)
-        return _INTERRUPTED
+    said = "stopped; a benchmark goes on with the same command"
+    return exit_status("revnm-sim", lambda: int(arguments.run(arguments)), stopped=said)
 
 
 def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
@@ -67,13 +63,19 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
 def _add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=_seed, default=0, help="which world (default: 0)")
-    parser.add_argument("--robot", default="rover", metavar="NAME", help="name of the robot (default: rover)")
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="be the robot of these settings, with its certificate or password, which let no camera in: give --rtsp",
+    )
+    parser.add_argument("--robot", metavar="NAME", help="name of the robot (default: rover)")
     parser.add_argument("--camera", default="cam0", metavar="NAME", help="name of the camera (default: cam0)")
     parser.add_argument(
         "--connect",
         action="append",
         metavar="ENDPOINT",
-        help=f"where the server is, tcp/HOST:PORT; may be repeated (default: {_DEFAULT_ENDPOINT})",
+        help="where the server is, tcp/HOST:PORT; may be repeated (without --config: tcp/127.0.0.1:7447)",
     )
     parser.add_argument("--fps", type=_rate, default=5.0, help="pictures per second (default: 5)")
     parser.add_argument(
@@ -97,19 +99,25 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     from revnm_client.link import open_client
+    from revnm_client.settings import load_settings
     from revnm_sim.live import LiveSettings, LiveSimulator
     from revnm_sim.rtsp_server import RtspServer
     from revnm_sim.scenario import demo_scenario
     from revnm_sim.simulation import Simulation
 
-    settings = LiveSettings(arguments.robot, arguments.camera, arguments.fps)
+    if arguments.config is not None and arguments.rtsp is None:
+        raise ConfigError("--config: expected with --rtsp: what lets a robot in lets no camera in")
+    robot = load_settings(arguments.config, options=_said_of_robot(arguments))
+    credentials = robot.security.credentials(robot.robot)
+    camera = arguments.camera if arguments.config is None else None
+    settings = LiveSettings(robot.robot, camera, arguments.fps)
     stop = _stop_on_signals()
     try:
         with ExitStack() as stack:
             server = None
             if arguments.rtsp is not None:
                 server = stack.enter_context(RtspServer(address=arguments.rtsp, fps=settings.fps))
-            session = stack.enter_context(open_client(arguments.connect or [_DEFAULT_ENDPOINT], stop=stop))
+            session = stack.enter_context(open_client(robot.server, credentials=credentials, stop=stop))
             simulation = stack.enter_context(Simulation(demo_scenario(arguments.seed), arguments.seed))
             show = server.show if server is not None else None
             stack.enter_context(LiveSimulator(simulation, session, settings, show=show)).run(stop)
@@ -117,6 +125,13 @@ def _run(arguments: argparse.Namespace) -> int:
         if not stop.is_set():
             raise
     return 0
+
+
+def _said_of_robot(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return what the options say of the robot, which wins over its settings."""
+    robot = arguments.robot or (_DEFAULT_ROBOT if arguments.config is None else None)
+    given = {"robot": robot, "server": arguments.connect}
+    return {key: value for key, value in given.items() if value is not None}
 
 
 def _demo(arguments: argparse.Namespace) -> int:

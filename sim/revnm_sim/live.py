@@ -35,12 +35,12 @@ class LiveSettings:
 
     Attributes:
         robot: The robot's name, first part of its keys.
-        camera: The camera's name, first part of its key.
+        camera: The camera's name, first part of its key; None publishes no pictures.
         fps: Pictures per second.
     """
 
     robot: str
-    camera: str
+    camera: str | None
     fps: float = 5.0
 
 
@@ -77,7 +77,7 @@ class LiveSimulator:
         simulation.scan()
         self._commands = LatestSubscriber(session, keys.cmd_vel(settings.robot))
         self._inbox = Inbox(self._commands, cdr.decode_velocity)
-        self._image = image_publisher(session, keys.image(settings.camera))
+        self._image = image_publisher(session, keys.image(settings.camera)) if settings.camera is not None else None
         self._scan = control_publisher(session, keys.scan(settings.robot))
         self._odometry = control_publisher(session, keys.odom(settings.robot))
         self._truth = control_publisher(session, truth_key(settings.robot))
@@ -149,6 +149,8 @@ class LiveSimulator:
         picture = self._simulation.picture()
         if self._show is not None:
             self._show(picture)
+        if self._image is None:
+            return
         bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
         _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         self._image.put(cdr.encode_image(CompressedImage(stamp_ns, "jpeg", jpeg.tobytes())))

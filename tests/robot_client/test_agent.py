@@ -509,7 +509,7 @@ def test_stop_latches_until_resume_and_a_new_plan(driving: Drive) -> None:
     agent = driving.agent
     agent.stop(5)
     tick = agent.tick(driving.now_ns)
-    assert (tick.velocity, tick.reason) == (STANDSTILL, "stopped by the operator")
+    assert (tick.velocity, tick.reason) == (STANDSTILL, "stopped until it is resumed")
     assert (state(driving)["stopped"], state(driving)["epoch"]) == (True, 5)
     agent.resume(5)
     assert agent.tick(driving.now_ns).reason == "no plan yet"

@@ -54,6 +54,20 @@ def test_a_file_that_is_none_is_an_error_and_no_traceback(tmp_path, capsys):
     assert "cannot be read: No such file" in capsys.readouterr().err
 
 
+def test_files_that_are_not_there_are_told_with_key_and_remedy(file, capsys, tmp_path):
+    server = "server: tls/192.168.1.5:7447\nsecurity: {authority: a.pem, certificate: r.pem, key: r.key}"
+    file.write_text(TWELVE.replace("server: tcp/192.168.1.5:7447", server))
+    (tmp_path / "a.pem").touch()
+    assert main(["config", "check", str(file)]) == 2
+    assert capsys.readouterr().err == (
+        f"revnm-robot: {file}: security.certificate: {tmp_path}/r.pem: cannot be read: there is no such file "
+        "(revnm-server pki robot makes it)\n"
+    )
+    for name in ("r.pem", "r.key"):
+        (tmp_path / name).touch()
+    assert main(["config", "check", str(file)]) == 0
+
+
 def test_it_prints_the_schema(capsys):
     assert main(["config", "schema"]) == 0
     assert json.loads(capsys.readouterr().out)["properties"]["robot"]["type"] == "string"

@@ -68,9 +68,9 @@ def test_a_password_is_read_and_never_shown():
 @pytest.mark.parametrize("text", ["", "\n", "two\nlines\n", "a\tb\n", "x" * 257])
 def test_a_password_file_that_holds_none_is_told(text):
     Path("password.txt").write_text(text)
-    with pytest.raises(FileError, match=r"^password\.txt: expected the password on one line"):
+    with pytest.raises(FileError, match=r"^security\.password_file: password\.txt: expected the password on one line"):
         read_password(Path("password.txt"))
-    with pytest.raises(FileError, match=r"^nothing\.txt: cannot be read"):
+    with pytest.raises(FileError, match=r"^security\.password_file: nothing\.txt: cannot be read"):
         read_password(Path("nothing.txt"))
 
 

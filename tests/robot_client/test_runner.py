@@ -170,6 +170,8 @@ def test_stop_is_acknowledged_and_latched(runner, other_side, eventually):
     assert b"epoch 4" in late.err.payload.to_bytes()
     (reply,) = other_side.ask(encode_stop_request(StopRequest("resume", 6)))
     assert decode_stop_reply(reply.ok.payload.to_bytes()) == StopReply(stopped=False, epoch=6)
+    eventually(lambda: other_side.state.get("stopped") is False)
+    assert other_side.state["malformed"] == 0  # what was refused was sound
     sent = other_side.seq
     eventually(lambda: other_side.seq > sent + 10)
     assert stands(other_side)  # these plans are from before the stop

@@ -45,7 +45,7 @@ def test_all_fresh_may_drive() -> None:
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"stopped": True}, "stopped by the operator"),
+        ({"stopped": True}, "stopped until it is resumed"),
         ({"trouble": "a bumper is pressed"}, "a bumper is pressed"),
         ({"odometry": None}, "no odometry yet"),
         ({"odometry": ago(400)}, "odometry is 0.4 s old"),

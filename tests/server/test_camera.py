@@ -83,6 +83,7 @@ def test_addresses_are_shown_without_credentials(url: str, shown: str) -> None:
         "rtsp://u:1@[secret",
         "rtsp://",
         "file://relative.mp4",
+        "file:relative.mp4",
         "file:///a?speed=2",
         "file:///a?speed",
         "zenoh://a b",

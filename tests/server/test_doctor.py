@@ -74,7 +74,8 @@ def test_a_camera_that_is_not_well(camera: dict[str, Any], verdict: Verdict, sai
     [
         ({"tag_px": 20.0}, "tag", Verdict.WARNING, "larger tag"),
         ({"tag_px": None, "sighting_age_s": None}, "tag", Verdict.FAULT, "id 3"),
-        ({"sighting_age_s": 9.0}, "tag", Verdict.FAULT, "id 3"),
+        ({"sighting_age_s": 1.8}, "tag", Verdict.WARNING, "last seen 1.8 s ago"),
+        ({"sighting_age_s": 19.0}, "tag", Verdict.FAULT, "id 3"),
         ({"robot_state": None, "robot_state_age_s": None}, "link", Verdict.FAULT, "revnm-robot"),
         ({"robot_state_age_s": 60.0}, "link", Verdict.FAULT, "revnm-robot"),
         ({"clock_offset_ms": None}, "clock", Verdict.FAULT, "will not move"),
@@ -140,4 +141,6 @@ def test_it_says_when_something_else_answers(tiny_bundle: Path, capsys: pytest.C
     }
     with running_server(load_settings(overrides=overrides)):
         assert main(["doctor", "--bundle", str(tiny_bundle), "--http", f"127.0.0.1:{port}"]) == 2
-    assert "answers 401" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "answers 401" in said
+    assert "REVNM_HTTP__TOKEN" in said

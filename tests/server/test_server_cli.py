@@ -74,6 +74,31 @@ def test_settings_are_checked_without_a_start(tmp_path: Path, capsys: pytest.Cap
     assert "hush" not in "".join(lines)
 
 
+def test_certificates_are_looked_at_without_a_start(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    config = Path("server.yaml")
+    files = (
+        "{listen: ['tls/0.0.0.0:7447'], certificate: pki/server.pem, key: pki/server.key, authority: pki/authority.pem}"
+    )
+    config.write_text(f"robots: {{rover: 3}}\nzenoh: {files}\n")
+    assert main(["config", "check", str(config)]) == 2
+    assert capsys.readouterr().err == (
+        "revnm-server: server.yaml: zenoh.certificate: pki/server.pem: cannot be read: there is no such file "
+        "(revnm-server pki init makes it)\n"
+    )
+    assert main(["pki", "init", "--host", "edge.local"]) == 0
+    assert main(["config", "check", str(config)]) == 0
+    assert capsys.readouterr().err == ""
+    Path("pki/server.pem").write_text("nothing")
+    assert main(["config", "check", str(config)]) == 2
+    assert "server.yaml: pki/server.pem: expected a certificate in PEM" in capsys.readouterr().err
+    config.write_text("robots: {}\n")
+    assert main(["config", "check", str(config)]) == 2
+    assert capsys.readouterr().err == "server.yaml:1: robots: expected at least one robot, each with a tag of its own\n"
+
+
 def test_the_schema_knows_every_section(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["config", "schema"]) == 0
     schema = json.loads(capsys.readouterr().out)

@@ -16,9 +16,10 @@ from revnm_client.control_messages import TimeRequest, decode_time_reply, encode
 from revnm_client.link import open_client
 from revnm_server.camera import CameraSource, open_camera
 from revnm_server.frame import RobotSighting
-from revnm_server.mission import Mission
+from revnm_server.mission import Mission, StoppedError
 from revnm_server.service import NavigationService
-from revnm_server.view import RobotView, path_in_picture
+from revnm_server.tag_plane import path_in_picture
+from revnm_server.view import RobotView
 
 from .service_parts import WAYPOINTS, CameraFeed, FakePipeline, RobotEnd
 from .waiting import eventually
@@ -336,9 +337,16 @@ def test_a_robot_that_holds_a_stop_of_another_server_can_be_resumed(
         robot.stopped, robot.epoch = True, 7
         eventually(lambda: robot.say() or rover(service).status == "stopped")
         assert rover(service).reason == "the robot holds a stop that did not come from this server: resume it"
+        with pytest.raises(StoppedError, match="resume it"):
+            service.set_goal("rover", 200, 100, size_px=SIZE)
+        assert service.mission.of("rover").goal is None
         assert service.resume("rover") is True
         assert not robot.stopped
-        eventually(lambda: robot.say() or rover(service).status == "no_goal")
+        assert rover(service).status == "no_goal"  # what it said last is from before
+        assert service.set_goal("rover", 200, 100, size_px=SIZE) == service.mission.of("rover").goal
+        service.mission.drop_goal("rover")
+        robot.stopped = True
+        eventually(lambda: robot.say() or rover(service).status == "stopped")
 
 
 def test_who_waits_for_a_silent_robot_waits_a_second_however_many_do(

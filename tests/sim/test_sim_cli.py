@@ -34,6 +34,15 @@ def test_malformed_endpoint_is_an_error_that_says_so(capsys: pytest.CaptureFixtu
     assert "nonsense" in capsys.readouterr().err
 
 
+def test_a_robot_with_credentials_needs_a_camera_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "robot.yaml"
+    config.write_text("robot: rover\nserver: tcp/127.0.0.1:1\nprofile: megarover\nsecurity: {password_file: none}\n")
+    assert main(["run", "--config", str(config)]) == 2
+    assert "--rtsp" in capsys.readouterr().err
+    assert main(["run", "--config", str(config), "--rtsp", "127.0.0.1:8554"]) == 2
+    assert f"security.password_file: {tmp_path}/none: cannot be read" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_command_ends_when_it_is_told_to_or_its_terminal_is_closed(number: signal.Signals) -> None:
     command = [Path(sys.executable).with_name("revnm-sim"), "run", "--connect", f"tcp/127.0.0.1:{free_port()}"]

@@ -323,7 +323,7 @@ def test_mistakes_of_quality_are_told(tmp_path, capsys) -> None:
     out.mkdir()
 
     def fails(*options: str) -> str:
-        assert main(["quality", "--bundle", str(bundle), "--jobs", "1", "--out", str(out), *options]) == 1
+        assert main(["quality", "--bundle", str(bundle), "--jobs", "1", "--out", str(out), *options]) == 2
         return capsys.readouterr().err
 
     assert "no world is named 'moon'" in fails("--world", "moon")

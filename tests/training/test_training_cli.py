@@ -129,10 +129,10 @@ def test_depth_learns_from_pictures(home) -> None:
 
 
 def test_mistakes_are_told_without_a_traceback(home, capsys) -> None:
-    assert train(home, "exo2ego", "cache2", "--resume", "--data", str(home), "--steps", "120") == 1
+    assert train(home, "exo2ego", "cache2", "--resume", "--data", str(home), "--steps", "120") == 2
     assert "no episodes" in capsys.readouterr().err
     missing = ("--data", str(home / "data"), "--steps", "120", "--exo2ego", str(home / "none.pt"))
-    assert train(home, "policy", "cache", "--resume", *missing) == 1
+    assert train(home, "policy", "cache", "--resume", *missing) == 2
     assert "none.pt" in capsys.readouterr().err
 
 

@@ -10,25 +10,19 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from revnm_client.errors import RevnmError
+from revnm_client.exit_status import INTERRUPTED, exit_status
 from revnm_client.version_option import VersionAction
 from revnm_sim.engine import ENGINES, Engine
-from revnm_training.cli_runs import INTERRUPTED, add_dagger, add_depth, add_exo2ego, add_policy, add_preset
+from revnm_training.cli_runs import add_dagger, add_depth, add_exo2ego, add_policy, add_preset
 from revnm_training.preset import load_preset
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status: 0 done, 1 failed, 130 stopped by a signal with the state saved."""
+    """Run a command; return its :func:`revnm_client.exit_status.exit_status`."""
     options = build_parser().parse_args(arguments)
-    try:
-        status: int = options.command(options)
-    except RevnmError as error:
-        print(f"revnm-train: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("revnm-train: stopped; the same command goes on", file=sys.stderr)
-        return INTERRUPTED
-    return status
+    return exit_status(
+        "revnm-train", lambda: int(options.command(options)), stopped="stopped; the same command goes on"
+    )
 
 
 def build_parser() -> argparse.ArgumentParser:

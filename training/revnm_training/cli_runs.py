@@ -7,13 +7,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from revnm_client.exit_status import INTERRUPTED
 from revnm_training.preset import load_preset
 
 if TYPE_CHECKING:
     from revnm_training.precision import Precision
     from revnm_training.run_settings import RunSettings
-
-INTERRUPTED = 130
 
 
 def add_preset(parser: argparse.ArgumentParser) -> None:

@@ -7,6 +7,7 @@ import json
 import sys
 from pathlib import Path
 
+from revnm_client.errors import FileError
 from revnm_client.settings import BadSettingsError, load_settings
 from revnm_client.settings.layout import ROOT
 from revnm_client.settings.profiles import PROFILES
@@ -42,6 +43,10 @@ def _check(options: argparse.Namespace) -> int:
     from revnm_client.settings.assembly import agent_config  # pulls in the controller: after what could be wrong
 
     agent_config(settings)
+    try:
+        settings.security.credentials(settings.robot).zenoh_settings()
+    except FileError as error:
+        raise FileError(f"{options.config}: {error}") from error
     print(f"# {options.config}: good; in effect:\n{settings.as_yaml()}", end="")
     if settings.profile in PROFILES:
         print(f"# {settings.profile}: {PROFILES[settings.profile].source}")

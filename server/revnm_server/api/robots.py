@@ -83,7 +83,7 @@ def robots_router(service: NavigationService) -> APIRouter:
         frame = service.camera.latest()
         if frame is None:
             raise HTTPException(409, "the camera has not given a picture yet")
-        goal = service.mission.set_goal(robot, request.u, request.v, size_px=frame.size_px)
+        goal = service.set_goal(robot, request.u, request.v, size_px=frame.size_px)
         return GoalReply(robot=robot, goal=GoalView(*goal.pixel_uv, goal.id))
 
     @router.delete("/{robot}/goal", status_code=204, responses=responses(_UNKNOWN))

@@ -113,7 +113,7 @@ def parse_camera_url(url: str) -> NetworkCamera | DeviceCamera | FileCamera | Ze
         parts = urlsplit(url)
         if parts.scheme in ("rtsp", "rtsps") and parts.hostname and parts.port != 0:
             return NetworkCamera(url, redact(url))
-        if parts.scheme == "file" and not parts.netloc and parts.path:
+        if parts.scheme == "file" and not parts.netloc and parts.path.startswith("/"):
             return _file(parts)
         if parts.scheme == "v4l2" and not parts.netloc and parts.path.startswith("/dev/"):
             return _device(parts)

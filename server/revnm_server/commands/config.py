@@ -5,9 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
+from revnm_client.credentials import readable
+from revnm_client.errors import FileError
+from revnm_server.access import security_of
 from revnm_server.bundle import default_bundle_path
+from revnm_server.camera.url import redact
 from revnm_server.manifest import read_manifest
 from revnm_server.settings import BadSettingsError, Settings, load_settings
 
@@ -42,9 +47,32 @@ def _check(options: argparse.Namespace) -> int:
         print("\n".join(error.problems), file=sys.stderr)
         return WRONG
     read_manifest(settings.perception.bundle or default_bundle_path())
+    try:
+        _check_files(settings)
+    except FileError as error:
+        raise FileError(f"{options.config}: {error}") from error
     robots = ", ".join(f"{name} (tag {tag})" for name, tag in settings.robots.items())
-    print(f"{options.config}: good: {settings.camera!r} guides {robots}")
+    camera = settings.camera
+    print(f"{options.config}: good: camera {camera.name} ({redact(camera.url)}) guides {robots}")
     return 0
+
+
+def _check_files(settings: Settings) -> None:
+    """Look whether certificates and passwords are there, and which of them end soon.
+
+    Raises:
+        FileError: One cannot be read.
+    """
+    security_of(settings)
+    http = {"certificate": settings.http.certificate, "key": settings.http.key}
+    for key, path in http.items():
+        if path is not None:
+            readable(path, key=f"http.{key}", maker="revnm-server pki init")
+    if settings.certificates:
+        from revnm_server.pki import endings  # takes a tenth of a second
+
+        for each in endings(settings.certificates, datetime.now(UTC)):
+            print(f"warning: {each.text}", file=sys.stderr)
 
 
 def _schema(_: argparse.Namespace) -> int:

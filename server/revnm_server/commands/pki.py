@@ -15,7 +15,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     actions = parser.add_subparsers(required=True, metavar="ACTION")
     init = actions.add_parser("init", help="make the authority, and a certificate for the server")
-    init.add_argument("--to", type=Path, default=_FOLDER, metavar="DIR", help="folder to be made (pki)")
     init.set_defaults(action=_init)
     server = actions.add_parser("server", help="make a new certificate for the server: it has another address")
     server.set_defaults(action=_server)
@@ -26,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     listing.set_defaults(action=_list)
     for parser_ in (init, server):
         parser_.add_argument("--host", action="append", required=True, metavar="ADDRESS", help=_HOST)
-    for parser_ in (server, robot, listing):
+    for parser_ in (init, server, robot, listing):
         parser_.add_argument("--pki", type=Path, default=_FOLDER, metavar="DIR", help="the authority's folder (pki)")
 
 
@@ -41,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _init(options: argparse.Namespace) -> None:
-    folder: Path = options.to
+    folder: Path = options.pki
     create_authority(folder, options.host)
     print(f"{folder}: made. Who has {folder}/authority.key can let in any robot: keep it to yourself.")
     _print_settings(folder)

@@ -131,7 +131,7 @@ def _is_given(place: Place, given: Mapping[str, Any]) -> bool:
 def _problem(fault: Any) -> str:
     """Return what is wrong in words; for an unknown key, which are known there."""
     if fault["type"] != "extra_forbidden":
-        return str(fault["msg"])
+        return str(fault["msg"]).removeprefix("Value error, ")  # pydantic's word before ours
     known = _keys(fault["loc"][:-1])
     close = difflib.get_close_matches(str(fault["loc"][-1]), known, n=1)
     meant = f"; did you mean {close[0]}?" if close else ""
