@@ -35,7 +35,7 @@ from revnm_client.messages import Plan, Velocity
 from revnm_server.camera.jpeg import decode_jpeg
 from revnm_server.ports import Heard
 from revnm_server.recording.about import describe
-from revnm_server.recording.entry_queue import EntryQueue, LogEntry, TickEntry
+from revnm_server.recording.entry_queue import Entry, EntryQueue, LogEntry, TickEntry
 from revnm_server.recording.errors import RecordingError
 from revnm_server.recording.heard_log import HeardLog
 from revnm_server.recording.recorder import Recorder
@@ -86,6 +86,30 @@ def test_what_went_over_zenoh_is_recorded_byte_for_byte(router: zenoh.Session, t
     messages = read(path)
     assert messages["/rover/revnm/state"][0].data == state.decode()
     assert json.loads(messages["/rover/waypoints/ticket"][0].data) == {"epoch": 3, "seq": 7, "goal": "g1", "server": ""}
+
+
+def test_a_tick_just_before_the_stop_is_recorded(
+    router: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take, stops = EntryQueue.take, list[threading.Thread]()
+    with recorder(router, tmp_path) as made:
+
+        def taking(queue: EntryQueue, *, timeout_s: float) -> Entry | None:
+            """Find nothing, as long as nothing is there; only then tick and stop come in."""
+            entry = take(queue, timeout_s=timeout_s)
+            if entry is None and not stops:
+                made.observe(observed(0))
+                stops.append(threading.Thread(target=made.stop))
+                stops[0].start()
+                assert made._recording is not None
+                assert made._recording._stopping.wait(10.0)
+            return entry
+
+        monkeypatch.setattr(EntryQueue, "take", taking)
+        made.start()
+        eventually(lambda: not made.view().active)
+        stops[0].join()
+    assert len(read(records(tmp_path)[0])["/revnm/tick"]) == 1
 
 
 def test_a_tick_is_recorded_for_viewers(router: zenoh.Session, tmp_path: Path) -> None:

@@ -130,7 +130,11 @@ class Recording:
 
     def _write_all(self) -> None:
         housekeeping_s = self._began_s
-        while (entry := self._queue.take(timeout_s=_TAKE_S)) is not None or not self._stopping.is_set():
+        while True:
+            last = self._stopping.is_set()  # asked first: what was offered before the stop is found then
+            entry = self._queue.take(timeout_s=_TAKE_S)
+            if entry is None and last:
+                return
             self._write_wire()
             if entry is not None:
                 self._scribe.write(self._file, entry)
