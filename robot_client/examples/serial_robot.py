@@ -17,6 +17,7 @@ from revnm_client.geometry import Pose2
 from revnm_client.messages import Odometry, Scan, Velocity
 
 SCAN_TOOK_NS = 140_000_000  # a turn, and 1.8 kB through the line: a stamp is of the first beam, and rather early
+WRITE_S = 0.02  # of the loop's 0.05; a write that was only late, as on a busy core, is no failure
 LIMITS = {"x": 1e6, "y": 1e6, "yaw": 1e6, "v": 10.0, "w": 10.0}
 
 
@@ -29,7 +30,7 @@ class SerialRobot:
         self.rejected, self.last_error, self._gone, self._newest = 0, "", None, {}
         self._closing = threading.Event()
         try:
-            self._ports = [serial.Serial(port, baud, timeout=0.2, write_timeout=0.002) for port in (base, lidar)]
+            self._ports = [serial.Serial(port, baud, timeout=0.2, write_timeout=WRITE_S) for port in (base, lidar)]
         except serial.SerialException as error:
             raise LinkError(f"cannot open the robot: {error}") from error
         readers = zip(self._ports, (self._odometry, self._scan), strict=True)
