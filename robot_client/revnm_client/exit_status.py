@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import os
+import select
 import sys
 from collections.abc import Callable
 
@@ -41,8 +43,12 @@ def exit_status(program: str, command: Callable[[], int], *, stopped: str = "sto
 def _is_read() -> bool:
     """Return whether standard output still has a reader; where it has none, what is left to print goes nowhere."""
     try:
-        sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return False
-    return True
+        output = sys.stdout.fileno()
+    except io.UnsupportedOperation:  # it is no file
+        return True
+    look = select.poll()
+    look.register(output, 0)
+    if not look.poll(0):
+        return True
+    os.dup2(os.open(os.devnull, os.O_WRONLY), output)
+    return False

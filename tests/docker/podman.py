@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 IMAGES = ("revnm-server", "revnm-simulator", "revnm-robot")
+_ENDS = ("--timeout", "100")  # by itself, before whoever waits for it gives up
 GUARDED = ("--read-only", "--cap-drop", "ALL", "--security-opt", "no-new-privileges", "--tmpfs", "/tmp")
 
 
@@ -28,7 +29,7 @@ def podman(*words: object) -> str:
 def inside(image: str, *command: object) -> subprocess.CompletedProcess[str]:
     """Run a command in a container of an image, with the rights that the compose files leave it."""
     entry, *arguments = command
-    return run("podman", "run", "--rm", "--network", "none", *GUARDED, "--entrypoint", entry, image, *arguments)
+    return run("podman", "run", "--rm", "--network", "none", *_ENDS, *GUARDED, "--entrypoint", entry, image, *arguments)
 
 
 def inspected(image: str) -> dict[str, Any]:

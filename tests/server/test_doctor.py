@@ -118,7 +118,7 @@ def test_it_looks_at_the_server_that_runs(tiny_bundle: Path, capsys: pytest.Capt
         assert main(["doctor", *options]) == 1  # there is no tag in this picture
     said = capsys.readouterr().out
     assert "no server runs" not in said
-    assert "good     camera" in said
+    assert "camera        320 × 240" in said
     assert "FAULT    rover: tag" in said
     assert "good     rover: clock" in said
 
