@@ -1,7 +1,7 @@
 # make demo   a robot in a simulated room, driven by clicks: HEADLESS=1 sets the goal itself, SEED=n picks the room,
 #             PLANNER=bev plans without the learnt policy
 # make check  format, lint, types, architecture
-# make test   all tests but the slow ones
+# make test   all tests but the slow ones, JOBS=2 at a time (eight minutes)
 # make test-training   the slow tests of training and export (ten minutes); make test-slow has all that are slow
 # make test-network   a robot and a server on two hosts whose network, server, router and disk fail (three minutes; as root)
 # make test-guides   the long commands of the guides, as printed (three minutes); make test runs the short ones
@@ -39,8 +39,9 @@ format: $(VENV)/dev.stamp
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
+# A file's tests stay in one process: they share what is costly to set up.
 test: $(VENV)/dev.stamp
-	$(BIN)/pytest --quiet
+	$(BIN)/pytest --quiet --numprocesses $(JOBS) --dist loadfile
 
 test-training: $(VENV)/dev.stamp
 	$(BIN)/pytest --quiet -m slow tests/training tests/sim/test_engine.py
