@@ -59,7 +59,7 @@ def readable(path: Path, *, key: str, maker: str) -> str:
     Args:
         path: The file.
         key: Of the settings that name it.
-        maker: The command that makes such files.
+        maker: The command that can make such files.
 
     Raises:
         FileError: It cannot.
@@ -68,7 +68,7 @@ def readable(path: Path, *, key: str, maker: str) -> str:
         with path.open("rb"):
             return str(path.absolute())
     except FileNotFoundError as error:
-        raise FileError(f"{key}: {path}: cannot be read: there is no such file ({maker} makes it)") from error
+        raise FileError(f"{key}: {path}: cannot be read: there is no such file ({maker} can make it)") from error
     except OSError as error:
         raise FileError(f"{key}: {path}: cannot be read: {error.strerror}") from error
 

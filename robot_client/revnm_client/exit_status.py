@@ -25,19 +25,25 @@ def exit_status(program: str, command: Callable[[], int], *, stopped: str = "sto
         stopped: What is said after Ctrl-C.
     """
     try:
-        status = command()
-        sys.stdout.flush()
+        status = _status(program, command, stopped)
+        if sys.stdout is not None:  # it was closed before the start
+            sys.stdout.flush()
+    except BrokenPipeError:
+        if _is_read():
+            raise
+        return _NOBODY_READS
+    return status
+
+
+def _status(program: str, command: Callable[[], int], stopped: str) -> int:
+    try:
+        return command()
     except RevnmError as error:
         print(f"{program}: {error}", file=sys.stderr)
         return WRONG
     except KeyboardInterrupt:
         print(f"{program}: {stopped}", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:
-        if _is_read():
-            raise
-        return _NOBODY_READS
-    return status
 
 
 def _is_read() -> bool:

@@ -25,7 +25,7 @@ from revnm_client.json_payload import Scalar
 from revnm_client.link import open_client
 from revnm_client.messages import STANDSTILL, Velocity
 from revnm_client.pacing import Pacer
-from revnm_client.reason_log import ReasonLog, condition
+from revnm_client.reason_log import ReasonLog
 from revnm_client.server_link import ServerLink
 
 _log = logging.getLogger(__name__)
@@ -138,18 +138,19 @@ class RobotRunner:
 
     def _tick(self, ends: _Ends, late_s: float) -> None:
         """Read, decide, send; whatever goes wrong, the base gets a velocity."""
+        failure: Exception | None = None
         try:
             if late_s > _STALL_S:
                 self._drop_unknown_age(ends, late_s)
             velocity, reason = self._decide(ends)
         except Exception as error:  # the outermost loop of this thread: counted, reported, and standstill
             self.failures += 1
-            velocity, reason = STANDSTILL, f"tick failed: {error!r:.200}"
-            if condition(reason) != condition(self._reason):
-                _log.exception("tick failed")
+            velocity, reason, failure = STANDSTILL, f"tick failed: {error!r:.200}", error
         self._send(ends, velocity)
         self._reason = reason
         if self._reasons.due(reason):
+            if failure is not None:
+                _log.error("tick failed", exc_info=failure)
             self._tell_change(ends)
         self._reasons.keep(velocity)
         self._on_tick(reason)

@@ -60,7 +60,7 @@ def router_security(settings: ZenohSettings, robots: Collection[str], cameras: C
 
 
 def _readable(path: Path, key: str) -> str:
-    return readable(path, key=f"zenoh.{key}", maker="revnm-server pki init")
+    return readable(path, key=f"zenoh.{key}", maker="revnm-server pki")
 
 
 def _check_passwords(path: Path, needed: Collection[str]) -> None:

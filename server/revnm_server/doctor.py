@@ -15,7 +15,7 @@ _FEWEST_FPS = 5.0
 _OLDEST_FRAME_S = 0.5
 _LEAST_TAG_PX = 24.0
 _OLDEST_SIGHTING_S = 1.0
-_LONGEST_HIDDEN_S = 10.0
+_LONGEST_HIDDEN_S = 3.0
 _OLDEST_STATE_S = 3.0
 _LARGEST_OFFSET_MS = 100.0
 
@@ -106,14 +106,12 @@ def _tag(robot: RobotView, tag_id: int | None) -> Finding:
 
 
 def _unseen(robot: RobotView, tag_id: int) -> Finding:
-    tag, age_s = f"AprilTag 36h11, id {tag_id}", robot.sighting_age_s
-    advice = "place the robot in sight, check the id and the light"
-    if age_s is None:
-        return Finding(Verdict.FAULT, f"{robot.name}: tag", f"{tag}, is not in the picture: {advice}")
-    if age_s > _LONGEST_HIDDEN_S:
-        return Finding(Verdict.FAULT, f"{robot.name}: tag", f"{tag}, was last seen {age_s:.0f} s ago: {advice}")
-    text = f"{tag}, was last seen {age_s:.1f} s ago: it comes and goes: see what hides it, the light, its size"
-    return Finding(Verdict.WARNING, f"{robot.name}: tag", text)
+    age_s, since = robot.sighting_age_s, "is not in the picture"
+    if age_s is not None:
+        since = f"was last seen {age_s:.1f} s ago"
+    text = f"AprilTag 36h11, id {tag_id}, {since}: place the robot in sight, check the id and the light"
+    hidden_a_moment = age_s is not None and age_s <= _LONGEST_HIDDEN_S
+    return Finding(Verdict.WARNING if hidden_a_moment else Verdict.FAULT, f"{robot.name}: tag", text)
 
 
 def _link(robot: RobotView) -> Iterator[Finding]:

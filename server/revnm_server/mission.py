@@ -1,7 +1,8 @@
 """What the operator wants of each robot: its goal, whether it is stopped, and the epoch of its plans.
 
-The only place where a goal or a stop is decided. It outlives the process: every change is written to the
-state file, so a killed server goes on where it was. Reads never wait for the disk.
+The only place where goals and stops are kept; what robots say of a stop :mod:`revnm_server.service` minds, too. It
+outlives the process: every change is written to the state file, so a killed server goes on where it was. Reads never
+wait for the disk.
 """
 
 from __future__ import annotations
@@ -188,7 +189,7 @@ class Mission:
         return stopped
 
     def resume(self, robot: str) -> RobotMission:
-        """Release the stop of ``robot``; a stopped one has no goal, so it stands until it is given one.
+        """Release the stop of ``robot``; one that :meth:`stop` stopped has no goal, and stands until it is given one.
 
         Raises:
             UnknownRobotError: It is not configured.

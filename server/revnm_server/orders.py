@@ -24,6 +24,7 @@ logger = logging.getLogger(__name__)
 ACKNOWLEDGE_S = 0.5
 _TURN_S = 0.6
 _REPEAT_S = 1.0
+_MOST_SAID = 200
 
 
 class OrderCourier:
@@ -46,6 +47,7 @@ class OrderCourier:
         self._on_confirmed = on_confirmed
         self._one_at_a_time = {robot: threading.Lock() for robot in mission.names}
         self._rejected = dict.fromkeys(mission.names, 0)
+        self._refusals = dict.fromkeys(mission.names, "")
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._repeat, name="orders", daemon=True)
 
@@ -63,6 +65,10 @@ class OrderCourier:
     def rejected(self) -> dict[str, int]:
         """Number of malformed replies by key."""
         return {keys.stop(robot): count for robot, count in self._rejected.items()}
+
+    def refusal(self, robot: str) -> str:
+        """Return why the robot refuses what it was told last, in its words; empty where it does not."""
+        return self._refusals[robot]
 
     def deliver(self, robot: str) -> bool:
         """Tell ``robot`` what is ordered now; return whether nothing is left unconfirmed.
@@ -112,7 +118,7 @@ class OrderCourier:
     def _ask(self, robot: str, action: Literal["stop", "resume"], epoch: int) -> bool:
         """Return whether everyone who answers for ``robot`` has confirmed, and someone has."""
         key = keys.stop(robot)
-        replies = []
+        replies: list[StopReply | str | None] = []
         try:
             for reply in self._session.get(
                 key,
@@ -126,11 +132,17 @@ class OrderCourier:
                 replies.append(self._decode(robot, reply))  # noqa: PERF401 - what came before an error counts
         except zenoh.ZError as error:
             logger.warning("%s: %s", key, error)
+        self._refusals[robot] = next((reply for reply in replies if isinstance(reply, str)), "")
         return bool(replies) and all(
-            reply is not None and reply.stopped is (action == "stop") and reply.epoch >= epoch for reply in replies
+            isinstance(reply, StopReply) and reply.stopped is (action == "stop") and reply.epoch >= epoch
+            for reply in replies
         )
 
-    def _decode(self, robot: str, reply: zenoh.Reply) -> StopReply | None:
+    def _decode(self, robot: str, reply: zenoh.Reply) -> StopReply | str | None:
+        """Return a reply; why it refuses, if it does; None where it is malformed or nobody is there."""
+        if reply.err is not None:
+            text = reply.err.payload.to_bytes()[:_MOST_SAID].decode(errors="replace")
+            return "".join(each if each.isprintable() else "?" for each in text)
         if reply.ok is None:
             return None
         try:

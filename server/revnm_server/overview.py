@@ -64,6 +64,7 @@ class Overview:
                 self._mission.of(robot),
                 LastOfRobot.of(robot, ticks),
                 trouble=trouble,
+                refused=self._courier.refusal(robot),
                 size_px=status.size_px,
                 tag_size_m=self._tag_size_m,
                 seq=self._mission.seq(robot),

@@ -10,6 +10,7 @@ import socket
 import time
 import uuid
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import zenoh
 
@@ -30,7 +31,7 @@ logger = logging.getLogger(__name__)
 
 _NEWS_S = 1.0  # a robot says how it is twice a second
 _SLOW_MPS, _SLOW_RADPS = 0.05, 0.1
-_ON_THE_WAY_S = 0.3  # a state from before an order was confirmed may be heard so much later
+_ON_THE_WAY_S = 0.3  # a state from before an order was confirmed may come in so much later
 
 
 def server_name(listen: Sequence[str]) -> str:
@@ -44,20 +45,27 @@ def server_name(listen: Sequence[str]) -> str:
     return f"{machine}-{mark}"
 
 
+class _News(NamedTuple):
+    """A robot's state, and between which moments it came in; time.monotonic()."""
+
+    state: dict[str, Scalar]
+    after_s: float
+    heard_s: float
+
+
 class RobotLink:
     """Talks with one robot; hears it only when :meth:`listen` is called, by one thread.
 
     Attributes:
         robot: The robot's name.
         server: This server's name, which the robot compares.
-        state: What the robot last said of itself; None before that.
     """
 
     def __init__(self, session: zenoh.Session, robot: str, *, server: str) -> None:
         self.robot = robot
         self.server = server
-        self.state: dict[str, Scalar] | None = None
-        self._heard_s = 0.0
+        self._news: _News | None = None
+        self._listened_s = 0.0
         self._confirmed_s = -math.inf
         self._time_key = keys.time(robot)
         self._time_rejected = 0
@@ -68,16 +76,22 @@ class RobotLink:
 
     def listen(self) -> bool:
         """Take the newest state; return whether there was one."""
+        before_s, self._listened_s = self._listened_s, time.monotonic()
         state = self._inbox.take()
         if state is None:
             return False
-        self._heard_s, self.state = time.monotonic(), state
+        self._news = _News(state, after_s=before_s, heard_s=time.monotonic())
         return True
+
+    @property
+    def state(self) -> dict[str, Scalar] | None:
+        """What the robot last said of itself; None before that."""
+        return self._news.state if self._news is not None else None
 
     @property
     def state_age_s(self) -> float | None:
         """Time since the robot was heard; None before that."""
-        return time.monotonic() - self._heard_s if self.state is not None else None
+        return time.monotonic() - self._news.heard_s if self._news is not None else None
 
     def note_confirmed(self) -> None:
         """Note that the robot has just confirmed an order: what it said of its stop before is out of date."""
@@ -86,9 +100,10 @@ class RobotLink:
     @property
     def stop_latched(self) -> bool | None:
         """Whether the robot says that its stop is latched; None where it has not said since its last order."""
-        if self.state is None or self._heard_s <= self._confirmed_s + _ON_THE_WAY_S:
+        news = self._news
+        if news is None or news.after_s <= self._confirmed_s + _ON_THE_WAY_S:
             return None
-        return self.state["stopped"] is True
+        return news.state["stopped"] is True
 
     @property
     def followed(self) -> str | None:

@@ -65,6 +65,7 @@ def robot_view(
     last: LastOfRobot,
     *,
     trouble: str | None,
+    refused: str,
     size_px: tuple[int, int] | None,
     tag_size_m: float,
     seq: int,
@@ -76,6 +77,7 @@ def robot_view(
         wanted: What the operator wants of it.
         last: What the ticks have left of it.
         trouble: Why no robot can get plans; None where that is well.
+        refused: Why it refuses what it was told last; empty where it does not.
         size_px: Of the camera's picture.
         tag_size_m: Side of its tag, for drawing its path.
         seq: Number of its last plan.
@@ -87,9 +89,8 @@ def robot_view(
     unheeded = _unheeded(link) if sending else None
     led = last.route.reason if last.route is not None else ""
     trouble = unheeded or trouble or led or _sighting_trouble(seen_age_s)
-    does, reason = _judge(
-        wanted, held=holds_foreign_stop(wanted, link), driving=sending and unheeded is None, trouble=trouble
-    )
+    held = holds_foreign_stop(wanted, link)
+    does, reason = _judge(wanted, held=held, driving=sending and unheeded is None, trouble=trouble, refused=refused)
     if does == "driving":
         reason = "; ".join(text for text in (_robot_trouble(link), led) if text) or None
     shown = last.sent if does == "driving" else None
@@ -125,7 +126,7 @@ def _path_px(sent: SentPlan, route: SiteRoute | None, tag_size_m: float) -> Floa
     return path_in_picture(sent.waypoints_m, sent.sighting, tag_size_m=tag_size_m)
 
 
-def _judge(wanted: RobotMission, *, held: bool, driving: bool, trouble: str) -> tuple[Status, str | None]:
+def _judge(wanted: RobotMission, *, held: bool, driving: bool, trouble: str, refused: str) -> tuple[Status, str | None]:
     """Return what the robot is doing, and why.
 
     Args:
@@ -133,16 +134,21 @@ def _judge(wanted: RobotMission, *, held: bool, driving: bool, trouble: str) -> 
         held: The robot stands for a stop of somebody else.
         driving: It is being given plans, and is there.
         trouble: What keeps plans from being made, or from reaching it.
+        refused: Why it refuses what it was told last.
     """
     if wanted.stopped:
-        return "stopped", "the robot has not confirmed the stop" if wanted.order is not None else None
+        return "stopped", _unconfirmed("the stop", refused) if wanted.order is not None else None
     if held:
         return "stopped", FOREIGN_STOP
     if wanted.goal is None:
-        return "no_goal", "the robot has not confirmed to go on" if wanted.order is not None else None
+        return "no_goal", _unconfirmed("to go on", refused) if wanted.order is not None else None
     if wanted.arrived:
         return "arrived", None
     return ("driving", None) if driving else ("waiting", trouble)
+
+
+def _unconfirmed(order: str, refused: str) -> str:
+    return f"the robot has not confirmed {order}" + (f", and says: {refused}" if refused else "")
 
 
 def _robot_trouble(link: RobotLink) -> str | None:

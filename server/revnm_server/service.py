@@ -148,9 +148,13 @@ class NavigationService:
     def resume(self, robot: str) -> bool:
         """Release the stop of ``robot``; return whether it has confirmed. Blocks up to about a second.
 
+        A goal from before somebody else's stop is dropped: it must not set off for that.
+
         Raises:
             UnknownRobotError: It is not configured.
         """
+        if holds_foreign_stop(self.mission.of(robot), self._links[robot]):
+            self.mission.drop_goal(robot)
         self.mission.resume(robot)
         return self._courier.deliver(robot)
 

@@ -11,13 +11,17 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, NamedTuple
 
 from revnm_client.errors import ConfigError, LinkError
 from revnm_client.exit_status import exit_status
 from revnm_client.version_option import VersionAction
 
-_DEFAULT_ROBOT = "rover"
+if TYPE_CHECKING:
+    from revnm_client.credentials import Credentials
+
+_DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+_DEFAULT_ROBOT, _DEFAULT_CAMERA = "rover", "cam0"
 _MEASURES = {
     "bench": ("methods against each other in closed loop", "bench.command"),
     "world": ("draw a world, or check it against measurements", "world_command"),
@@ -67,10 +71,10 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
         "--config",
         type=Path,
         metavar="FILE",
-        help="be the robot of these settings, with its certificate or password, which let no camera in: give --rtsp",
+        help="be the robot of these settings, with its certificate or password; the camera is one by --rtsp then",
     )
     parser.add_argument("--robot", metavar="NAME", help="name of the robot (default: rover)")
-    parser.add_argument("--camera", default="cam0", metavar="NAME", help="name of the camera (default: cam0)")
+    parser.add_argument("--camera", metavar="NAME", help="name of the camera (default: cam0)")
     parser.add_argument(
         "--connect",
         action="append",
@@ -99,25 +103,20 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     from revnm_client.link import open_client
-    from revnm_client.settings import load_settings
     from revnm_sim.live import LiveSettings, LiveSimulator
     from revnm_sim.rtsp_server import RtspServer
     from revnm_sim.scenario import demo_scenario
     from revnm_sim.simulation import Simulation
 
-    if arguments.config is not None and arguments.rtsp is None:
-        raise ConfigError("--config: expected with --rtsp: what lets a robot in lets no camera in")
-    robot = load_settings(arguments.config, options=_said_of_robot(arguments))
-    credentials = robot.security.credentials(robot.robot)
-    camera = arguments.camera if arguments.config is None else None
-    settings = LiveSettings(robot.robot, camera, arguments.fps)
+    end = _robot_end(arguments)
+    settings = LiveSettings(end.robot, _camera(arguments, end.credentials), arguments.fps)
     stop = _stop_on_signals()
     try:
         with ExitStack() as stack:
             server = None
             if arguments.rtsp is not None:
                 server = stack.enter_context(RtspServer(address=arguments.rtsp, fps=settings.fps))
-            session = stack.enter_context(open_client(robot.server, credentials=credentials, stop=stop))
+            session = stack.enter_context(open_client(end.server, credentials=end.credentials, stop=stop))
             simulation = stack.enter_context(Simulation(demo_scenario(arguments.seed), arguments.seed))
             show = server.show if server is not None else None
             stack.enter_context(LiveSimulator(simulation, session, settings, show=show)).run(stop)
@@ -127,11 +126,36 @@ def _run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _said_of_robot(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return what the options say of the robot, which wins over its settings."""
-    robot = arguments.robot or (_DEFAULT_ROBOT if arguments.config is None else None)
-    given = {"robot": robot, "server": arguments.connect}
-    return {key: value for key, value in given.items() if value is not None}
+class _RobotEnd(NamedTuple):
+    """The robot that is simulated, and how it reaches its server; None where it shows nothing to be let in."""
+
+    robot: str
+    server: Sequence[str]
+    credentials: Credentials | None
+
+
+def _robot_end(arguments: argparse.Namespace) -> _RobotEnd:
+    """Return what the options say; with a settings file, what the robot's client would make of it and of them."""
+    if arguments.config is None:
+        return _RobotEnd(arguments.robot or _DEFAULT_ROBOT, arguments.connect or [_DEFAULT_ENDPOINT], None)
+    from revnm_client.settings import SecuritySettings, load_settings
+
+    given = {"robot": arguments.robot, "server": arguments.connect}
+    settings = load_settings(
+        arguments.config, options={key: value for key, value in given.items() if value is not None}
+    )
+    if settings.security == SecuritySettings():
+        return _RobotEnd(settings.robot, settings.server, None)
+    return _RobotEnd(settings.robot, settings.server, settings.security.credentials(settings.robot))
+
+
+def _camera(arguments: argparse.Namespace, credentials: Credentials | None) -> str | None:
+    """Return the name of the camera that publishes pictures, if one does."""
+    if credentials is None:
+        return arguments.camera or _DEFAULT_CAMERA
+    if arguments.rtsp is None or arguments.camera is not None:
+        raise ConfigError("--config: what lets the robot in lets no camera in: expected --rtsp, and no --camera")
+    return None
 
 
 def _demo(arguments: argparse.Namespace) -> int:

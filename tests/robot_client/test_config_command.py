@@ -61,7 +61,7 @@ def test_files_that_are_not_there_are_told_with_key_and_remedy(file, capsys, tmp
     assert main(["config", "check", str(file)]) == 2
     assert capsys.readouterr().err == (
         f"revnm-robot: {file}: security.certificate: {tmp_path}/r.pem: cannot be read: there is no such file "
-        "(revnm-server pki robot makes it)\n"
+        "(revnm-server pki robot can make it)\n"
     )
     for name in ("r.pem", "r.key"):
         (tmp_path / name).touch()

@@ -29,12 +29,6 @@ STATE = {
 REASON = "not started yet"
 
 
-@pytest.fixture
-def clock_s():
-    times = iter((10.0, 22.5, 25.0))
-    return lambda: next(times)
-
-
 class Clock:
     """A clock that stands until it is moved."""
 
@@ -45,23 +39,35 @@ class Clock:
         return self.now_s
 
 
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+def tick(log, reason, commanded, state=STATE):
+    if log.due(reason):
+        log.write(reason, commanded, state)
+    log.keep(commanded)
+
+
 def written(log, clock, reasons, caplog, period_s=0.05):
     """Return the lines of a drive with these reasons, a tick each."""
     caplog.set_level(logging.INFO)
     caplog.clear()
     for reason in reasons:
-        if log.due(reason):
-            log.write(reason, STANDSTILL if reason else Velocity(0.1, 0.0), STATE)
+        tick(log, reason, STANDSTILL if reason else Velocity(0.1, 0.0))
         clock.now_s += period_s
     return [record.getMessage() for record in caplog.records]
 
 
-def test_a_change_is_one_line_with_commands_ages_and_counters(caplog, clock_s):
+def test_a_change_is_one_line_with_commands_ages_and_counters(caplog, clock):
     caplog.set_level(logging.INFO)
-    log = ReasonLog(REASON, clock_s)
-    log.write(None, Velocity(0.1, 0.0), STATE | {"plan_age_ms": 90.0, "odometry_age_ms": 12.0})
-    log.keep(Velocity(0.42, -0.1))
-    log.write("plan is 0.6 s old", STANDSTILL, STATE)
+    log = ReasonLog(REASON, clock)
+    clock.now_s = 12.5
+    tick(log, None, Velocity(0.1, 0.0), STATE | {"plan_age_ms": 90.0, "odometry_age_ms": 12.0})
+    tick(log, None, Velocity(0.42, -0.1))
+    clock.now_s = 15.0
+    tick(log, "plan is 0.6 s old", STANDSTILL)
     assert [record.getMessage() for record in caplog.records] == [
         "driving; commanded 0.10 m/s +0.00 rad/s after 0.00 m/s +0.00 rad/s; stood 12.5 s before; "
         "ages plan 90.0 ms, scan 43.0 ms, odometry 12.0 ms; refused 2, malformed 1, failures 0",
@@ -70,46 +76,49 @@ def test_a_change_is_one_line_with_commands_ages_and_counters(caplog, clock_s):
     ]
 
 
-def test_a_robot_that_gets_itself_out_is_not_called_stopped(caplog, clock_s):
+def test_a_robot_that_gets_itself_out_is_not_called_stopped(caplog, clock):
     caplog.set_level(logging.INFO)
-    log = ReasonLog(REASON, clock_s)
-    log.write("stuck: backing off", Velocity(-0.15, 0.0), STATE)
-    log.write("scan is 0.4 s old", STANDSTILL, STATE)
+    log = ReasonLog(REASON, clock)
+    tick(log, "stuck: backing off", Velocity(-0.15, 0.0))
+    clock.now_s = 2.5
+    tick(log, "scan is 0.4 s old", STANDSTILL)
     first, second = (record.getMessage() for record in caplog.records)
     assert first.startswith("stuck: backing off; commanded -0.15 m/s")
     assert "; drove 2.5 s before; " in second
 
 
-def test_every_change_of_a_usual_drive_has_its_line(caplog):
-    clock = Clock()
+def test_every_change_of_a_usual_drive_has_its_line(caplog, clock):
     log = ReasonLog(REASON, clock)
     drive = [REASON, *["no plan yet"] * 20, *[None] * 200, "plan is 0.6 s old", "plan is 0.7 s old", *[None] * 100]
     starts = [line.split(";")[0] for line in written(log, clock, drive, caplog)]
     assert starts == ["stopped: no plan yet", "driving", "stopped: plan is 0.6 s old", "driving"]
 
 
-def test_a_condition_that_comes_and_goes_does_not_fill_the_log(caplog):
-    clock = Clock()
+def test_a_condition_that_comes_and_goes_does_not_fill_the_log(caplog, clock):
     log = ReasonLog(REASON, clock)
     flapping = [None, "scan is 0.3 s old"] * 600  # a minute
     lines = written(log, clock, flapping, caplog)
     assert len(lines) <= 6 + 60.0 * 0.2
-    left_out = [int(line.split(" changes in ")[0].rsplit(" ", 1)[1]) for line in lines if " changes in " in line]
+    left_out = [int(line.split(" changes left out")[0].rsplit(" ", 1)[1]) for line in lines if " left out" in line]
     assert 1190 - 110 <= sum(left_out) + len(lines) <= 1200  # the last ones are told by the next line
-    assert "; drove " not in lines[-1]
 
 
-def test_what_lasts_after_too_many_changes_is_told_late_but_told(caplog):
-    clock = Clock()
+def test_what_lasts_after_too_many_changes_is_told_late_and_with_what_was_when_it_began(caplog, clock):
     log = ReasonLog(REASON, clock)
-    written(log, clock, [None, "scan is 0.3 s old"] * 10, caplog)
-    lines = written(log, clock, ["stopped until it is resumed"] * 200, caplog)
-    assert [line.split(";")[0] for line in lines] == ["stopped: stopped until it is resumed"]
+    written(log, clock, ["scan is 0.3 s old", None] * 4, caplog, 0.1)  # more than may be written at once
+    lines = written(log, clock, ["stopped until it is resumed"] * 100, caplog, 0.1)
+    [line] = lines
+    told, since, after, drove, left_out, *_ = line.split("; ")
+    assert (told, since[:8]) == ("stopped: stopped until it is resumed", "since 4.")
+    assert after.endswith(" after 0.10 m/s +0.00 rad/s")
+    assert (drove, left_out) == ("drove 0.1 s before", "2 changes left out")
 
 
-def test_as_json_the_parts_are_fields(caplog, clock_s):
+def test_as_json_the_parts_are_fields(caplog, clock):
     caplog.set_level(logging.INFO)
-    ReasonLog(REASON, clock_s).write("scan is 0.4 s old", STANDSTILL, STATE)
+    log = ReasonLog(REASON, clock)
+    clock.now_s = 12.5
+    tick(log, "scan is 0.4 s old", STANDSTILL)
     fields = json.loads(JsonFormatter().format(caplog.records[0]))
     assert (fields["level"], fields["logger"]) == ("INFO", "revnm_client.reason_log")
     assert fields["message"].startswith("stopped: scan is 0.4 s old; ")

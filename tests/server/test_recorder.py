@@ -12,7 +12,7 @@ import struct
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -38,8 +38,12 @@ from revnm_server.recording.about import describe
 from revnm_server.recording.entry_queue import Entry, EntryQueue, LogEntry, TickEntry
 from revnm_server.recording.errors import RecordingError
 from revnm_server.recording.heard_log import HeardLog
+from revnm_server.recording.record_folder import RecordFolder
 from revnm_server.recording.recorder import Recorder
+from revnm_server.recording.recording import Recording, Rotation
+from revnm_server.recording.scribe import Scribe
 from revnm_server.recording.tick_document import HeardStamps, decode_tick
+from revnm_server.recording.wire_tap import WireTap
 from revnm_server.report import installed_versions
 from revnm_server.settings import load_settings
 
@@ -47,6 +51,7 @@ from .recording_parts import (
     PLAN_M,
     STAMP_NS,
     UNKNOWN,
+    VIEW,
     observed,
     odometry,
     read,
@@ -88,28 +93,31 @@ def test_what_went_over_zenoh_is_recorded_byte_for_byte(router: zenoh.Session, t
     assert json.loads(messages["/rover/waypoints/ticket"][0].data) == {"epoch": 3, "seq": 7, "goal": "g1", "server": ""}
 
 
-def test_a_tick_just_before_the_stop_is_recorded(
-    router: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    take, stops = EntryQueue.take, list[threading.Thread]()
-    with recorder(router, tmp_path) as made:
+class LateQueue(EntryQueue):
+    """Is found empty; only then, and before anybody does anything about that, a tick and the stop come in."""
 
-        def taking(queue: EntryQueue, *, timeout_s: float) -> Entry | None:
-            """Find nothing, as long as nothing is there; only then tick and stop come in."""
-            entry = take(queue, timeout_s=timeout_s)
-            if entry is None and not stops:
-                made.observe(observed(0))
-                stops.append(threading.Thread(target=made.stop))
-                stops[0].start()
-                assert made._recording is not None
-                assert made._recording._stopping.wait(10.0)
-            return entry
+    recording: Recording | None = None
 
-        monkeypatch.setattr(EntryQueue, "take", taking)
-        made.start()
-        eventually(lambda: not made.view().active)
-        stops[0].join()
-    assert len(read(records(tmp_path)[0])["/revnm/tick"]) == 1
+    def take(self, *, timeout_s: float) -> Entry | None:
+        entry = super().take(timeout_s=timeout_s)
+        if entry is None and self.recording is not None:
+            recording, self.recording = self.recording, None
+            recording.offer_tick(TickEntry(observed(0), (), STAMP_NS, 0))
+            with suppress(RuntimeError):  # a thread cannot wait for itself: the stop is heard all the same
+                recording.stop()
+        return entry
+
+
+def test_a_tick_just_before_the_stop_is_recorded(router: zenoh.Session, tmp_path: Path) -> None:
+    queue = LateQueue()
+    folder = RecordFolder(tmp_path, quota_bytes=1e9, least_free_bytes=0.0)
+    scribe = Scribe("cam", ("rover",), jpeg_quality=80, site=None)
+    tap = WireTap(router, ("rover",))
+    recording = Recording(folder, Rotation(1e9, 1e9), tap, scribe, {}, lambda: VIEW, queue)
+    queue.recording = recording
+    eventually(lambda: not recording.active)
+    [tick] = read(records(tmp_path)[0])["/revnm/tick"]
+    assert decode_tick(tick.data).stamp_ns == STAMP_NS
 
 
 def test_a_tick_is_recorded_for_viewers(router: zenoh.Session, tmp_path: Path) -> None:

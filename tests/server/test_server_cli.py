@@ -86,7 +86,7 @@ def test_certificates_are_looked_at_without_a_start(
     assert main(["config", "check", str(config)]) == 2
     assert capsys.readouterr().err == (
         "revnm-server: server.yaml: zenoh.certificate: pki/server.pem: cannot be read: there is no such file "
-        "(revnm-server pki init makes it)\n"
+        "(revnm-server pki can make it)\n"
     )
     assert main(["pki", "init", "--host", "edge.local"]) == 0
     assert main(["config", "check", str(config)]) == 0

@@ -343,9 +343,26 @@ def test_a_robot_that_holds_a_stop_of_another_server_can_be_resumed(
         assert not robot.stopped
         assert rover(service).status == "no_goal"  # what it said last is from before
         assert service.set_goal("rover", 200, 100, size_px=SIZE) == service.mission.of("rover").goal
-        service.mission.drop_goal("rover")
         robot.stopped = True
         eventually(lambda: robot.say() or rover(service).status == "stopped")
+        service.resume("rover")
+        assert service.mission.of("rover").goal is None  # from before the other's stop: it must not set off for that
+
+
+def test_what_a_robot_says_of_a_resume_that_it_refuses_is_told(
+    service: NavigationService, client: zenoh.Session
+) -> None:
+    def refuse(query: zenoh.Query) -> None:
+        query.reply_err(b"resume of epoch 3: expected 8 or newer\n\x1b[31m" + 300 * b"x")
+
+    queryable = client.declare_queryable(keys.stop("rover"), refuse)
+    eventually(lambda: service.resume("rover") or "expected 8" in (rover(service).reason or ""))
+    reason = rover(service).reason or ""
+    assert reason.startswith("the robot has not confirmed to go on, and says: resume of epoch 3: expected 8 or newer??")
+    assert len(reason) < 300
+    queryable.undeclare()
+    with RobotEnd(client):
+        eventually(lambda: rover(service).reason is None)
 
 
 def test_who_waits_for_a_silent_robot_waits_a_second_however_many_do(

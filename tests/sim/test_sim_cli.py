@@ -38,9 +38,11 @@ def test_a_robot_with_credentials_needs_a_camera_of_its_own(tmp_path: Path, caps
     config = tmp_path / "robot.yaml"
     config.write_text("robot: rover\nserver: tcp/127.0.0.1:1\nprofile: megarover\nsecurity: {password_file: none}\n")
     assert main(["run", "--config", str(config)]) == 2
-    assert "--rtsp" in capsys.readouterr().err
-    assert main(["run", "--config", str(config), "--rtsp", "127.0.0.1:8554"]) == 2
     assert f"security.password_file: {tmp_path}/none: cannot be read" in capsys.readouterr().err
+    (tmp_path / "none").write_text("open sesame")
+    for words in ([], ["--rtsp", "127.0.0.1:8554", "--camera", "hall"]):
+        assert main(["run", "--config", str(config), *words]) == 2
+        assert "lets no camera in" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

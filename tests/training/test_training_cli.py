@@ -91,7 +91,7 @@ def test_exo2ego_then_policy_learn_from_episodes(home, capsys) -> None:
     assert drawn is not None
     assert drawn.std() > 5.0
 
-    assert train(home, "policy", "cache", *data) == 1  # a finished run is not overwritten
+    assert train(home, "policy", "cache", *data) == 2  # a finished run is not overwritten
     assert "a run is there already" in capsys.readouterr().err
 
 
@@ -156,7 +156,7 @@ def fresh(home, tmp_path) -> list[str]:
 
 def refused(arguments: list[str], tmp_path: Path, capsys) -> str:
     """Run a command that fails before it makes anything; return what it says."""
-    assert main(arguments) == 1
+    assert main(arguments) == 2
     assert not (tmp_path / "cache").exists()
     assert not (tmp_path / "out").exists()
     return capsys.readouterr().err

@@ -8,11 +8,10 @@ import sys
 from pathlib import Path
 
 from revnm_client.errors import FileError
+from revnm_client.exit_status import WRONG
 from revnm_client.settings import BadSettingsError, load_settings
 from revnm_client.settings.layout import ROOT
 from revnm_client.settings.profiles import PROFILES
-
-WRONG = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

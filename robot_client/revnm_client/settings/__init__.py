@@ -14,6 +14,7 @@ from revnm_client.settings.root import (
     LogSettings,
     RobotSettings,
     SafetySettings,
+    SecuritySettings,
 )
 
 __all__ = [
@@ -26,5 +27,6 @@ __all__ = [
     "LogSettings",
     "RobotSettings",
     "SafetySettings",
+    "SecuritySettings",
     "load_settings",
 ]

@@ -10,13 +10,12 @@ from pathlib import Path
 
 from revnm_client.credentials import readable
 from revnm_client.errors import FileError
+from revnm_client.exit_status import WRONG
 from revnm_server.access import security_of
 from revnm_server.bundle import default_bundle_path
 from revnm_server.camera.url import redact
 from revnm_server.manifest import read_manifest
 from revnm_server.settings import BadSettingsError, Settings, load_settings
-
-WRONG = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,20 +57,22 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _check_files(settings: Settings) -> None:
-    """Look whether certificates and passwords are there, and which of them end soon.
+    """Look whether the server can use its certificates and passwords.
 
     Raises:
-        FileError: One cannot be read.
+        FileError: One cannot be read, or has ended.
     """
     security_of(settings)
     http = {"certificate": settings.http.certificate, "key": settings.http.key}
     for key, path in http.items():
         if path is not None:
-            readable(path, key=f"http.{key}", maker="revnm-server pki init")
-    if settings.certificates:
+            readable(path, key=f"http.{key}", maker="revnm-server pki")
+    if settings.own_certificates:
         from revnm_server.pki import endings  # takes a tenth of a second
 
-        for each in endings(settings.certificates, datetime.now(UTC)):
+        for each in endings(settings.own_certificates, datetime.now(UTC)):
+            if each.over:
+                raise FileError(each.text)
             print(f"warning: {each.text}", file=sys.stderr)
 
 

@@ -12,12 +12,12 @@ from typing import Any
 import yaml
 
 from revnm_client.errors import ConfigError
+from revnm_client.exit_status import INTERRUPTED
 from revnm_server.download import RemoteFile, check_url, download, http_client
 from revnm_server.model_catalogue import CatalogueEntry, CatalogueFile, file_name, load_catalogue
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-_INTERRUPTED = 130  # as shells say it
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
             settings = fetch_known(catalogue, options.model, sha256, options.to)
     except KeyboardInterrupt:
         print("\nrevnm-server: interrupted; run it again to go on", file=sys.stderr)
-        return _INTERRUPTED
+        return INTERRUPTED
     print(yaml.safe_dump({"depth": settings}, sort_keys=False), end="")
     return 0
 

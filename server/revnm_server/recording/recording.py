@@ -42,6 +42,7 @@ class Recording:
         scribe: Writes the messages.
         about: What every file says of itself.
         view: Tells of the server, for the diagnostics.
+        queue: Where entries wait; None for a new one.
 
     Raises:
         RecordingError: The first file cannot be written.
@@ -55,8 +56,9 @@ class Recording:
         scribe: Scribe,
         about: Mapping[str, str],
         view: Callable[[], ServerView],
+        queue: EntryQueue | None = None,
     ) -> None:
-        self._queue = EntryQueue()
+        self._queue = queue or EntryQueue()
         self._folder, self._rotation, self._tap, self._scribe = folder, rotation, tap, scribe
         self._about, self._view = about, view
         self._began_s = time.monotonic()

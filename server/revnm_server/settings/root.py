@@ -51,9 +51,13 @@ class Settings(BaseSettings):
         return robots
 
     @property
+    def own_certificates(self) -> list[Path]:
+        """Files of the certificates that the server shows, or knows robots by."""
+        paths = (self.zenoh.certificate, self.zenoh.authority, self.http.certificate)
+        return [path for path in paths if path is not None]
+
+    @property
     def certificates(self) -> list[Path]:
-        """Files of the certificates that the server shows, or knows robots by; and theirs, where they lie beside."""
+        """Its own, and the robots', where they lie beside the authority's."""
         authority = self.zenoh.authority
-        robots = [] if authority is None else sorted(authority.parent.glob("*/robot.pem"))
-        paths = (self.zenoh.certificate, authority, self.http.certificate)
-        return [*(path for path in paths if path is not None), *robots]
+        return [*self.own_certificates, *([] if authority is None else sorted(authority.parent.glob("*/robot.pem")))]
