@@ -11,23 +11,23 @@ import zenoh
 from threadpoolctl import threadpool_limits
 
 from revnm_client.link import open_router
-from revnm_server.access import security_of
 from revnm_server.assembly import build_map_pipeline, build_pipeline, load_models, plans_on_map
-from revnm_server.bundle import Bundle, DepthBundle, default_bundle_path
 from revnm_server.camera import open_camera
 from revnm_server.http_server import listen, page_url, serving_http
-from revnm_server.map_pipeline import MapPipeline
-from revnm_server.mission import Mission
-from revnm_server.pipeline import Pipeline
+from revnm_server.networks.bundle import Bundle, DepthBundle, default_bundle_path
 from revnm_server.recording.about import describe
 from revnm_server.recording.heard_log import HeardLog
 from revnm_server.recording.recorder import Recorder
-from revnm_server.restarts import RestartingPipeline
-from revnm_server.robot_link import server_name
-from revnm_server.robot_senses import RobotSenses
+from revnm_server.robots.access import security_of
+from revnm_server.robots.mission import Mission
+from revnm_server.robots.robot_link import server_name
+from revnm_server.robots.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
 from revnm_server.settings import PerceptionSettings, Settings
 from revnm_server.tag import TagLibrary, open_tag_library
+from revnm_server.tick.map_pipeline import MapPipeline
+from revnm_server.tick.pipeline import Pipeline
+from revnm_server.tick.restarts import RestartingPipeline
 
 logger = logging.getLogger(__name__)
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from revnm_server.bundle import (
+from revnm_server.calibration.keeper import CalibrationKeeper
+from revnm_server.calibration.keyframes import TagMount
+from revnm_server.networks.bundle import (
     Bundle,
     DepthBundle,
     default_bundle_path,
@@ -13,19 +15,17 @@ from revnm_server.bundle import (
     load_depth_bundle,
     missing_models,
 )
-from revnm_server.calibration.keeper import CalibrationKeeper
-from revnm_server.calibration.keyframes import TagMount
-from revnm_server.configured_depth import load_depth_network
-from revnm_server.depth import OnnxDepth
-from revnm_server.exo2ego import OnnxExo2Ego
-from revnm_server.map_beliefs import MapBeliefs
-from revnm_server.map_navigator import RobotShape
-from revnm_server.map_pipeline import MapPipeline
-from revnm_server.pipeline import Pipeline
-from revnm_server.policy import OnnxFloorPolicy, OnnxPolicy
+from revnm_server.networks.configured_depth import load_depth_network
 from revnm_server.ports import Senses
 from revnm_server.settings import DepthSettings, PerceptionSettings
+from revnm_server.stages.depth import OnnxDepth
+from revnm_server.stages.exo2ego import OnnxExo2Ego
+from revnm_server.stages.policy import OnnxFloorPolicy, OnnxPolicy
 from revnm_server.tag import TagDetector, TagLibrary, open_tag_library
+from revnm_server.tick.map_beliefs import MapBeliefs
+from revnm_server.tick.map_navigator import RobotShape
+from revnm_server.tick.map_pipeline import MapPipeline
+from revnm_server.tick.pipeline import Pipeline
 
 
 def load_models(settings: PerceptionSettings, depth: DepthSettings) -> Bundle | DepthBundle:

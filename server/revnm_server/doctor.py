@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from revnm_server.view import CameraView, RobotView, ServerView
+from revnm_server.views.view import CameraView, RobotView, ServerView
 
 _FEWEST_FPS = 5.0
 _OLDEST_FRAME_S = 0.5

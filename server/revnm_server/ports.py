@@ -38,7 +38,7 @@ class EgoRequest:
         stamp_ns: Capture time of the newest picture, nanoseconds, server's clock.
         pose: Where the robot is in the picture.
         crops: (N, crop_px, crop_px) in [0, 1], oldest first, all cut around ``pose``.
-        prior: (2, ego_px, ego_px) of :func:`revnm_server.ego_prior.ego_prior`; None where there is no map.
+        prior: (2, ego_px, ego_px) of :func:`revnm_server.mapping.ego_prior.ego_prior`; None where there is no map.
     """
 
     robot: str
@@ -78,7 +78,7 @@ class BeliefRequest:
     """One robot's input to a policy that sees the map.
 
     Attributes:
-        window: (4, side, side) of :func:`revnm_server.map_window.map_window`.
+        window: (4, side, side) of :func:`revnm_server.mapping.map_window.map_window`.
         way: (P, 2) points of the planner's way, robot frame, metres.
         goal: (2,) robot frame, metres.
         ego: (ego_px, ego_px) in [−1, 1], what the robot would see.

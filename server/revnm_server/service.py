@@ -18,16 +18,16 @@ import zenoh
 from revnm_client.messages import Plan
 from revnm_server.camera import CameraSource, CameraState
 from revnm_server.frame import Frame, RobotSighting
-from revnm_server.mission import Goal, Mission, StoppedError
-from revnm_server.orders import OrderCourier
-from revnm_server.overview import Overview
-from revnm_server.pipeline import RobotPlan, TickResult
-from revnm_server.robot_link import RobotLink
-from revnm_server.robot_overview import FOREIGN_STOP, holds_foreign_stop
-from revnm_server.site_report import SiteReport
-from revnm_server.tick_memory import SeenTick, SentPlan, Tally, TickMemory
-from revnm_server.tick_recorder import ObservedTick, TickRecorder
-from revnm_server.view import ServerView
+from revnm_server.robots.mission import Goal, Mission, StoppedError
+from revnm_server.robots.orders import OrderCourier
+from revnm_server.robots.robot_link import RobotLink
+from revnm_server.tick.pipeline import RobotPlan, TickResult
+from revnm_server.tick.site_report import SiteReport
+from revnm_server.tick.tick_memory import SeenTick, SentPlan, Tally, TickMemory
+from revnm_server.tick.tick_recorder import ObservedTick, TickRecorder
+from revnm_server.views.overview import Overview
+from revnm_server.views.robot_overview import FOREIGN_STOP, holds_foreign_stop
+from revnm_server.views.view import ServerView
 
 logger = logging.getLogger(__name__)
 
@@ -38,7 +38,7 @@ _SEEN_LATELY_S = 1.0
 
 
 class TickSource(Protocol):
-    """Turns pictures into plans: ``Pipeline``, :class:`revnm_server.map_pipeline.MapPipeline`, or a fake."""
+    """Turns pictures into plans: ``Pipeline``, :class:`revnm_server.tick.map_pipeline.MapPipeline`, or a fake."""
 
     def step(self, frame: Frame, goals: Mapping[str, Goal]) -> TickResult:
         """Process one picture."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 from revnm_client.errors import ContractError
-from revnm_server.bundle import default_bundle_path, load_bundle
-from revnm_server.depth import OnnxDepth
 from revnm_server.frame import Frame
+from revnm_server.networks.bundle import default_bundle_path, load_bundle
+from revnm_server.stages.depth import OnnxDepth
 from revnm_sim.bench.protocol import Setting
 from revnm_sim.lift_trial import HW, View
 from revnm_sim.render import CameraRenderer

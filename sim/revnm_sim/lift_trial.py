@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from revnm_client.geometry import FloatArray, Pose2
-from revnm_server.disparity_memory import DisparityMemory
 from revnm_server.floor_camera import FloorCamera
-from revnm_server.floor_map import Body, FloorMapper
-from revnm_server.floor_view import floor_view
-from revnm_server.lift import FloorLifter, NoFloor
-from revnm_server.map_window import WindowSpec, map_window
+from revnm_server.mapping.disparity_memory import DisparityMemory
+from revnm_server.mapping.floor_map import Body, FloorMapper
+from revnm_server.mapping.floor_view import floor_view
+from revnm_server.mapping.lift import FloorLifter, NoFloor
+from revnm_server.mapping.map_window import WindowSpec, map_window
+from revnm_server.mapping.robot_mask import robot_mask
 from revnm_server.observation import Image32
-from revnm_server.robot_mask import robot_mask
 from revnm_sim.bench.protocol import Setting
 from revnm_sim.camera import Camera
 from revnm_sim.lift_faults import CalibrationFault, DepthFault

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_server.floor_camera import FloorCamera
-from revnm_server.map_window import WindowSpec, window_points_m
+from revnm_server.mapping.map_window import WindowSpec, window_points_m
 from revnm_sim.camera import Camera
 from revnm_sim.occupancy import OccupancyGrid
 from revnm_sim.raycast import cast_depth, ray_grid, visible

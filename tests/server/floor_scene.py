@@ -8,7 +8,7 @@ import numpy as np
 
 from revnm_client.geometry import FloatArray
 from revnm_server.floor_camera import FloorCamera
-from revnm_server.floor_view import FloorView, floor_view
+from revnm_server.mapping.floor_view import FloorView, floor_view
 from revnm_server.observation import Image32
 from revnm_sim.camera import Camera
 from revnm_sim.raycast import cast_depth, disparity_from_depth

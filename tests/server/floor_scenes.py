@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from revnm_server.floor_grid import FloorGrid
+from revnm_server.mapping.floor_grid import FloorGrid
 
 CELL_M = 0.1
 

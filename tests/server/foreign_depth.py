@@ -13,7 +13,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from revnm_server.checked_file import file_sha256
+from revnm_server.networks.checked_file import file_sha256
 from revnm_server.settings import DepthSettings
 
 Says = Literal["disparity", "depth"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from revnm_client.geometry import Pose2
-from revnm_server.floor_grid import FloorGrid
-from revnm_server.map_planner import MapPlan, MapPlanner, PlannerSettings
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.planning.map_planner import MapPlan, MapPlanner, PlannerSettings
 
 HALF_S = 500_000_000
 GOAL = np.array([10.0, 5.0])

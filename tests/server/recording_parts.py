@@ -18,14 +18,14 @@ from revnm_server.calibration.calibrator import CalibrationState
 from revnm_server.camera.jpeg import encode_jpeg
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.frame import Frame
-from revnm_server.mission import Goal
-from revnm_server.pipeline import RobotPlan, TickResult
 from revnm_server.recording.heard_log import HeardLog
 from revnm_server.recording.recorder import Recorder
+from revnm_server.robots.mission import Goal
 from revnm_server.settings import RecordingSettings
-from revnm_server.site_report import SiteReport, SiteRoute
-from revnm_server.tick_recorder import ObservedTick
-from revnm_server.view import CameraView, ServerView
+from revnm_server.tick.pipeline import RobotPlan, TickResult
+from revnm_server.tick.site_report import SiteReport, SiteRoute
+from revnm_server.tick.tick_recorder import ObservedTick
+from revnm_server.views.view import CameraView, ServerView
 
 STAMP_NS = 1_700_000_000_000_000_000
 TICK_NS = 100_000_000

@@ -17,9 +17,9 @@ from revnm_client.geometry import FloatArray
 from revnm_client.messages import CompressedImage, Plan
 from revnm_server.camera.jpeg import encode_jpeg
 from revnm_server.frame import Frame, RobotSighting
-from revnm_server.mission import Goal
-from revnm_server.pipeline import RobotPlan, TickResult
-from revnm_server.site_report import SiteReport
+from revnm_server.robots.mission import Goal
+from revnm_server.tick.pipeline import RobotPlan, TickResult
+from revnm_server.tick.site_report import SiteReport
 
 WAYPOINTS = np.array([[0.3, 0.0], [0.6, 0.0]])
 

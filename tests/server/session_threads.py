@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import onnxruntime
 
-from revnm_server.bundle import default_bundle_path
+from revnm_server.networks.bundle import default_bundle_path
 from revnm_sim.bench.report import table
 
 THREADS = (1, 2)

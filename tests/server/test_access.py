@@ -14,8 +14,8 @@ from revnm_client import keys
 from revnm_client.credentials import Credentials
 from revnm_client.errors import FileError, LinkError
 from revnm_client.link import open_client, open_router
-from revnm_server.access import router_security
 from revnm_server.pki import create_authority, issue_robot
+from revnm_server.robots.access import router_security
 from revnm_server.settings import ZenohSettings
 
 from .free_port import free_port

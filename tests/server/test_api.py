@@ -19,7 +19,7 @@ from revnm_server.api import create_application
 from revnm_server.api.health import health_router
 from revnm_server.api.shared_state import SharedState
 from revnm_server.camera import CameraSource, open_camera
-from revnm_server.mission import Mission
+from revnm_server.robots.mission import Mission
 from revnm_server.service import NavigationService
 from revnm_server.settings import HttpSettings
 

@@ -16,7 +16,7 @@ from pydantic import SecretStr
 from revnm_server.api import create_application
 from revnm_server.api.examples import EXAMPLES
 from revnm_server.camera import open_camera
-from revnm_server.mission import Mission
+from revnm_server.robots.mission import Mission
 from revnm_server.service import NavigationService
 from revnm_server.settings import HttpSettings
 

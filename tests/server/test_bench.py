@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import FloatArray
-from revnm_server.bundle import load_bundle
 from revnm_server.cli import main
-from revnm_server.exo2ego import OnnxExo2Ego
 from revnm_server.frame import Frame
+from revnm_server.networks.bundle import load_bundle
 from revnm_server.observation import Image32
-from revnm_server.policy import OnnxPolicy
 from revnm_server.ports import EgoRequest, PlanRequest
 from revnm_server.speed.baseline import Networks, run_networks
 from revnm_server.speed.tables import one_after_the_other, stage_rows, summary
+from revnm_server.stages.exo2ego import OnnxExo2Ego
+from revnm_server.stages.policy import OnnxPolicy
 
 from .tiny_bundle import write_tiny_bundle
 

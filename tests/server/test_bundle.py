@@ -10,8 +10,8 @@ import onnx
 import pytest
 
 from revnm_client.errors import FileError
-from revnm_server.bundle import load_bundle, load_depth_bundle, missing_models
-from revnm_server.checked_file import file_sha256
+from revnm_server.networks.bundle import load_bundle, load_depth_bundle, missing_models
+from revnm_server.networks.checked_file import file_sha256
 
 from .tiny_bundle import DISPARITY_HW, EGO_PX, depth_model, policy_model, write_tiny_bundle
 

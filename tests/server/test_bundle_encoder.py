@@ -14,10 +14,10 @@ from onnx import TensorProto, helper
 
 from revnm_client.errors import FileError
 from revnm_server.assembly import build_pipeline
-from revnm_server.bundle import load_bundle, missing_models
-from revnm_server.checked_file import file_sha256
 from revnm_server.frame import Frame
-from revnm_server.manifest import MANIFEST
+from revnm_server.networks.bundle import load_bundle, missing_models
+from revnm_server.networks.checked_file import file_sha256
+from revnm_server.networks.manifest import MANIFEST
 from revnm_server.settings import PerceptionSettings
 
 from .tiny_bundle import EXO_HW, policy_model, write_tiny_bundle

@@ -13,14 +13,14 @@ from onnx import helper
 
 from revnm_client.errors import ConfigError, FileError
 from revnm_server.assembly import load_models
-from revnm_server.bundle import default_bundle_path
-from revnm_server.checked_file import file_sha256
-from revnm_server.configured_depth import load_depth_network, weights_beside
-from revnm_server.depth import OnnxDepth
-from revnm_server.depth_checks import floor_picture
 from revnm_server.frame import Frame
+from revnm_server.networks.bundle import default_bundle_path
+from revnm_server.networks.checked_file import file_sha256
+from revnm_server.networks.configured_depth import load_depth_network, weights_beside
+from revnm_server.networks.depth_checks import floor_picture
 from revnm_server.observation import Image32
 from revnm_server.settings import DepthSettings, load_settings
+from revnm_server.stages.depth import OnnxDepth
 
 from .foreign_depth import settings_for, write_depth
 from .tiny_bundle import DISPARITY_HW

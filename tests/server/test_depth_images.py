@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from revnm_client.errors import ContractError
-from revnm_server.depth_input import DepthInput, Mode, Placement, batch, place
-from revnm_server.depth_output import as_image, disparity_from_depth, resized, without_border
+from revnm_server.networks.depth_input import DepthInput, Mode, Placement, batch, place
+from revnm_server.networks.depth_output import as_image, disparity_from_depth, resized, without_border
 
 ZERO, ONE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 

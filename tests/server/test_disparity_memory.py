@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from revnm_client.errors import ContractError
-from revnm_server.disparity_memory import DisparityMemory, clipped
+from revnm_server.mapping.disparity_memory import DisparityMemory, clipped
 
 from .floor_scene import HW, box, disparity, everywhere, nowhere, wall
 

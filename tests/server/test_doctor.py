@@ -11,7 +11,7 @@ from revnm_server.app import running_server
 from revnm_server.cli import main
 from revnm_server.doctor import Verdict, examine
 from revnm_server.settings import load_settings
-from revnm_server.view import CameraView, RobotView, ServerView, TimingView
+from revnm_server.views.view import CameraView, RobotView, ServerView, TimingView
 
 from .free_port import free_port
 from .service_parts import CameraFeed, RobotEnd

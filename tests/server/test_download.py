@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from revnm_client.errors import ConfigError, FileError, LinkError
-from revnm_server.download import RemoteFile, check_url, download
+from revnm_server.networks.download import RemoteFile, check_url, download
 
 from .file_server import PATH, FileServer
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
-from revnm_server.ego_prior import ego_prior
 from revnm_server.floor_camera import FloorCamera
-from revnm_server.floor_grid import FloorGrid
-from revnm_server.floor_map import FloorMapper
-from revnm_server.floor_view import floor_view
-from revnm_server.lift import FloorLifter, Lifted
+from revnm_server.mapping.ego_prior import ego_prior
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.mapping.floor_map import FloorMapper
+from revnm_server.mapping.floor_view import floor_view
+from revnm_server.mapping.lift import FloorLifter, Lifted
 from revnm_sim.camera import Camera
 from revnm_sim.raycast import cast_depth, disparity_from_depth, ego_camera
 from revnm_sim.world import Primitive, Shape, primitive_arrays

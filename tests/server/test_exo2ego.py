@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from revnm_server.bundle import load_bundle
-from revnm_server.exo2ego import (
+from revnm_server.networks.bundle import load_bundle
+from revnm_server.observation import Image32, ImagePose
+from revnm_server.ports import EgoRequest
+from revnm_server.stages.exo2ego import (
     DdimSchedule,
     OnnxExo2Ego,
     cosine_alpha_bar,
@@ -16,8 +18,6 @@ from revnm_server.exo2ego import (
     ddim_schedule,
     start_image,
 )
-from revnm_server.observation import Image32, ImagePose
-from revnm_server.ports import EgoRequest
 
 
 def _request(robot: str, level: float, *, history: int = 1) -> EgoRequest:
@@ -118,5 +118,6 @@ def test_one_batch_over_all_robots(tiny_bundle: Path, count: int) -> None:
 
 
 def test_training_needs_no_onnxruntime() -> None:
-    code = "import sys, revnm_server.exo2ego, revnm_server.manifest; sys.exit('onnxruntime' in sys.modules)"
+    code = "import sys; from revnm_server.stages import exo2ego; from revnm_server.networks import manifest; "
+    code += "sys.exit('onnxruntime' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from revnm_server.feature_memory import FeatureMemory
 from revnm_server.frame import RobotSighting
 from revnm_server.observation import Image32, ImagePose, ObservationSpec
 from revnm_server.ports import PlanRequest
+from revnm_server.stages.feature_memory import FeatureMemory
 
 SECOND_NS = 1_000_000_000
 SPEC = ObservationSpec(

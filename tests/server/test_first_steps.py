@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
-from revnm_server.first_steps import StepSettings, first_steps
+from revnm_server.planning.first_steps import StepSettings, first_steps
 
 SETTINGS = StepSettings()
 ORIGIN = [Pose2(0.0, 0.0, 0.0)]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
-from revnm_server.floor_beliefs import FloorBeliefs
 from revnm_server.floor_camera import FloorCamera
-from revnm_server.floor_map import MapSpec
-from revnm_server.map_window import WindowSpec
+from revnm_server.mapping.floor_beliefs import FloorBeliefs
+from revnm_server.mapping.floor_map import MapSpec
+from revnm_server.mapping.map_window import WindowSpec
 
 SPEC = MapSpec()
 ROBOT = Pose2(6.0, 0.5, 0.3)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from revnm_server.floor_graph import FloorGraph
+from revnm_server.planning.floor_graph import FloorGraph
 
 
 def test_on_free_floor_the_cost_is_the_length_of_sixteen_directions():

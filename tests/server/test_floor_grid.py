@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
-from revnm_server.floor_grid import FloorGrid
-from revnm_server.floor_map import MapSpec
-from revnm_server.node_grid import NodeGrid
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.mapping.floor_map import MapSpec
+from revnm_server.mapping.node_grid import NodeGrid
 
 from .floor_scenes import floor
 from .planning import TWO_GAPS, plan, planner

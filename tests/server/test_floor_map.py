@@ -9,11 +9,11 @@ import pytest
 
 from revnm_client.errors import ContractError
 from revnm_client.geometry import Pose2
-from revnm_server import floor_map
-from revnm_server.floor_grid import FloorGrid
-from revnm_server.floor_map import Body, FloorMapper, MapSpec
-from revnm_server.lift import FloorLifter, Lifted
-from revnm_server.robot_mask import robot_mask
+from revnm_server.mapping import floor_map
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.mapping.floor_map import Body, FloorMapper, MapSpec
+from revnm_server.mapping.lift import FloorLifter, Lifted
+from revnm_server.mapping.robot_mask import robot_mask
 from revnm_sim.raycast import cast_ids, robot_primitive
 from revnm_sim.robot import RobotSpec
 from revnm_sim.world import primitive_arrays

@@ -15,9 +15,9 @@ from revnm_server.calibration.calibrator import Calibrator
 from revnm_server.camera.content import FIRST_HOLD_S, FROZEN_AFTER_S, ContentWatch, digest
 from revnm_server.camera.pyav_reader import PyavReader
 from revnm_server.camera.url import NetworkCamera, parse_camera_url
-from revnm_server.mission import Mission
+from revnm_server.robots.mission import Mission
 from revnm_server.service import NavigationService
-from revnm_server.site_report import SiteReport
+from revnm_server.tick.site_report import SiteReport
 from revnm_sim.rtsp_server import RtspServer, filming
 
 from .service_parts import FakePipeline, RobotEnd

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from revnm_server.goal_search import TRUSTED_M, GoalSearch
+from revnm_server.planning.goal_search import TRUSTED_M, GoalSearch
 
 GOAL = np.array([4.0, 1.0])
 HIDDEN_M = TRUSTED_M + 1.0

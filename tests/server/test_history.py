@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from revnm_server.history import ImageHistory
 from revnm_server.observation import Image32
+from revnm_server.tick.history import ImageHistory
 
 MS = 1_000_000
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from revnm_client.errors import ContractError, FileError
-from revnm_server.inference import OnnxModel
+from revnm_server.networks.inference import OnnxModel
 
 from .tiny_bundle import DISPARITY_HW
 

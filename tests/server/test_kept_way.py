@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
-from revnm_server.floor_grid import FloorGrid
-from revnm_server.kept_way import KeepSettings
-from revnm_server.way import length_m
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.planning.kept_way import KeepSettings
+from revnm_server.planning.way import length_m
 
 from .floor_scenes import floor, with_obstacles
 from .planning import CLOSED_WALL, GOAL, HALF_S, START, TWO_GAPS, plan, planner, y_at

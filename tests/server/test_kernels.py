@@ -10,13 +10,21 @@ import cv2
 import numpy as np
 import pytest
 
-from revnm_server import draw_kernels, lift_kernels
-from revnm_server.draw_kernels import Cells, Gaps, Picture, floor_evidence, obstacle_evidence, spread_along, weighed
-from revnm_server.lift import Kind
-from revnm_server.lift_kernels import Rays, placed, slopes, votes
-from revnm_server.memory_kernels import Background, learnt
-from revnm_server.scan_kernels import Fan, Middles, Window, fused, passed
-from revnm_server.search_kernels import open_window
+from revnm_server.mapping import draw_kernels, lift_kernels
+from revnm_server.mapping.draw_kernels import (
+    Cells,
+    Gaps,
+    Picture,
+    floor_evidence,
+    obstacle_evidence,
+    spread_along,
+    weighed,
+)
+from revnm_server.mapping.lift import Kind
+from revnm_server.mapping.lift_kernels import Rays, placed, slopes, votes
+from revnm_server.mapping.memory_kernels import Background, learnt
+from revnm_server.mapping.scan_kernels import Fan, Middles, Window, fused, passed
+from revnm_server.planning.search_kernels import open_window
 
 HW = (14, 17)
 CELLS = Cells(np.float32(-0.95), np.float32(-0.55), np.float32(10.0), 12, 20)

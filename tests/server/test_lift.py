@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from revnm_client.errors import ContractError
-from revnm_server.floor_fit import FloorLine, fit_floor
-from revnm_server.floor_view import floor_view
-from revnm_server.lift import FloorLifter, Kind, Lifted, NoFloor
+from revnm_server.mapping.floor_fit import FloorLine, fit_floor
+from revnm_server.mapping.floor_view import floor_view
+from revnm_server.mapping.lift import FloorLifter, Kind, Lifted, NoFloor
 
 from .floor_scene import HW, OURS, box, disparity, everywhere, view, wall
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from revnm_client.geometry import Pose2
 from revnm_server.calibration.calibrator import Calibrator
-from revnm_server.floor_grid import FloorGrid
-from revnm_server.map_picture import map_picture
-from revnm_server.site_report import SiteReport, SiteRoute
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.tick.site_report import SiteReport, SiteRoute
+from revnm_server.views.map_picture import map_picture
 
 CELL_PX = 4
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
-from revnm_server.travel_cost import CostSettings
-from revnm_server.way import length_m
+from revnm_server.planning.travel_cost import CostSettings
+from revnm_server.planning.way import length_m
 
 from .floor_scenes import floor, unseen
 from .planning import CLOSED_WALL, GOAL, plan, planner, y_at

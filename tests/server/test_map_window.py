@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
-from revnm_server.floor_grid import FloorGrid
-from revnm_server.map_window import LAYERS, WindowSpec, map_window, onto_grid, window_points_m
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.mapping.map_window import LAYERS, WindowSpec, map_window, onto_grid, window_points_m
 
 
 def grid() -> FloorGrid:

@@ -9,9 +9,9 @@ from prometheus_client import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
 from revnm_server.camera import open_camera
-from revnm_server.metrics import metrics_registry
-from revnm_server.mission import Mission
+from revnm_server.robots.mission import Mission
 from revnm_server.service import NavigationService
+from revnm_server.views.metrics import metrics_registry
 
 from .service_parts import CameraFeed, FakePipeline, RobotEnd
 from .waiting import eventually

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from revnm_client.errors import ConfigError, FileError
-from revnm_server.mission import MAX_EPOCH, GoalError, Mission, StoppedError, UnknownRobotError
+from revnm_server.robots.mission import MAX_EPOCH, GoalError, Mission, StoppedError, UnknownRobotError
 
 SIZE = (640, 480)
 

@@ -14,8 +14,8 @@ import pytest
 from revnm_client.errors import ConfigError
 from revnm_server.cli import main
 from revnm_server.commands.models import fetch_known
-from revnm_server.configured_depth import load_depth_network
-from revnm_server.model_catalogue import CatalogueEntry, load_catalogue
+from revnm_server.networks.configured_depth import load_depth_network
+from revnm_server.networks.model_catalogue import CatalogueEntry, load_catalogue
 from revnm_server.settings import load_settings
 
 from .file_server import PATH, FileServer

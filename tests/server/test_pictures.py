@@ -11,7 +11,7 @@ import pytest
 from revnm_server.api.between_ticks import BetweenTicks
 from revnm_server.api.pictures import Drawing, SharedPictures
 from revnm_server.camera.jpeg import decode_jpeg
-from revnm_server.depth_picture import depth_picture, ego_picture
+from revnm_server.views.depth_picture import depth_picture, ego_picture
 
 
 class Easel:

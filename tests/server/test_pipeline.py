@@ -10,15 +10,15 @@ import pytest
 
 from revnm_client.errors import ContractError
 from revnm_client.geometry import FloatArray
-from revnm_server.bundle import load_bundle
-from revnm_server.depth import OnnxDepth
-from revnm_server.exo2ego import OnnxExo2Ego
 from revnm_server.frame import Frame, RobotSighting
+from revnm_server.networks.bundle import load_bundle
 from revnm_server.observation import Image32, ObservationSpec
-from revnm_server.pipeline import Pipeline
-from revnm_server.policy import OnnxPolicy
 from revnm_server.ports import EgoRequest, PlanRequest
+from revnm_server.stages.depth import OnnxDepth
+from revnm_server.stages.exo2ego import OnnxExo2Ego
+from revnm_server.stages.policy import OnnxPolicy
 from revnm_server.tag import TagDetector
+from revnm_server.tick.pipeline import Pipeline
 
 from .tag_scene import draw_tag, frame_of, picture_from_tag
 from .tiny_bundle import DISPARITY_HW, EGO_PX, EXO_HW, SPACING_M, WAYPOINTS, write_tiny_bundle

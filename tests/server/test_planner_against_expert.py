@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import FloatArray
-from revnm_server.map_planner import MapPlanner, PlannerSettings
-from revnm_server.way import length_m
+from revnm_server.planning.map_planner import MapPlanner, PlannerSettings
+from revnm_server.planning.way import length_m
 from revnm_sim.expert import Expert, travel_cost
 from revnm_sim.occupancy import occupancy
 from revnm_sim.scenario import sample_pair

@@ -9,8 +9,8 @@ import pytest
 
 from revnm_client.errors import ConfigError
 from revnm_server.assembly import load_models
-from revnm_server.inference import OnnxModel
-from revnm_server.providers import Provider, check_used, provider_names
+from revnm_server.networks.inference import OnnxModel
+from revnm_server.networks.providers import Provider, check_used, provider_names
 from revnm_server.settings import load_settings
 
 CPU, CUDA, TENSORRT = "CPUExecutionProvider", "CUDAExecutionProvider", "TensorrtExecutionProvider"

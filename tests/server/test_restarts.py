@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from revnm_server.frame import Frame
-from revnm_server.mission import Goal
-from revnm_server.pipeline import TickResult
-from revnm_server.restarts import RestartingPipeline, RestartLimits
+from revnm_server.robots.mission import Goal
+from revnm_server.tick.pipeline import TickResult
+from revnm_server.tick.restarts import RestartingPipeline, RestartLimits
 
 FRAME = Frame(np.zeros((32, 32, 3), np.uint8), 1, 1)
 LIMITS = RestartLimits(failures=3, pictures=6, pause_s=1.0, longest_pause_s=4.0, restarts=4, window_s=100.0)

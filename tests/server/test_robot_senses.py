@@ -16,7 +16,7 @@ from revnm_client.control_messages import encode_state
 from revnm_client.geometry import IDENTITY, Pose2
 from revnm_client.link import open_client, open_router
 from revnm_client.messages import STANDSTILL, Odometry, Scan
-from revnm_server.robot_senses import RobotSenses
+from revnm_server.robots.robot_senses import RobotSenses
 
 from .free_port import free_port
 from .waiting import eventually

@@ -10,9 +10,9 @@ import pytest
 
 from revnm_client.geometry import Pose2
 from revnm_client.messages import Scan
-from revnm_server.floor_grid import FloorGrid
-from revnm_server.floor_map import MapSpec
-from revnm_server.scan_memory import ScanMemory
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.mapping.floor_map import MapSpec
+from revnm_server.mapping.scan_memory import ScanMemory
 from revnm_sim.raycast import cast_scan
 from revnm_sim.world import primitive_arrays
 

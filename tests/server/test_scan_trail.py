@@ -8,7 +8,7 @@ import numpy as np
 from revnm_client.geometry import Pose2
 from revnm_client.messages import Scan
 from revnm_server.calibration.keyframes import Travel
-from revnm_server.scan_trail import PastScan, ScanTrail
+from revnm_server.mapping.scan_trail import PastScan, ScanTrail
 
 
 class Drive:

@@ -16,10 +16,10 @@ from revnm_client.control_messages import TimeRequest, decode_time_reply, encode
 from revnm_client.link import open_client
 from revnm_server.camera import CameraSource, open_camera
 from revnm_server.frame import RobotSighting
-from revnm_server.mission import Mission, StoppedError
+from revnm_server.mapping.tag_plane import path_in_picture
+from revnm_server.robots.mission import Mission, StoppedError
 from revnm_server.service import NavigationService
-from revnm_server.tag_plane import path_in_picture
-from revnm_server.view import RobotView
+from revnm_server.views.view import RobotView
 
 from .service_parts import WAYPOINTS, CameraFeed, FakePipeline, RobotEnd
 from .waiting import eventually

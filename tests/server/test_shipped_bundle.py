@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from revnm_server.bundle import Bundle, default_bundle_path, load_bundle
-from revnm_server.depth import OnnxDepth
-from revnm_server.exo2ego import OnnxExo2Ego
 from revnm_server.frame import Frame
-from revnm_server.map_window import WAY_POINTS, WindowSpec
+from revnm_server.mapping.map_window import WAY_POINTS, WindowSpec
+from revnm_server.networks.bundle import Bundle, default_bundle_path, load_bundle
 from revnm_server.observation import ImagePose, normalise_ego_depth
-from revnm_server.policy import OnnxFloorPolicy
 from revnm_server.ports import BeliefRequest, EgoRequest
+from revnm_server.stages.depth import OnnxDepth
+from revnm_server.stages.exo2ego import OnnxExo2Ego
+from revnm_server.stages.policy import OnnxFloorPolicy
 
 MEGABYTE = 1_000_000
 

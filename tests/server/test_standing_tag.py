@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
-from revnm_server.standing_tag import StandingTag
+from revnm_server.tick.standing_tag import StandingTag
 
 from .service_parts import sighting
 

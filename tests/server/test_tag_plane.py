@@ -8,7 +8,7 @@ import numpy as np
 
 from revnm_client.geometry import Pose2
 from revnm_server.frame import RobotSighting
-from revnm_server.tag_plane import TagPlane
+from revnm_server.mapping.tag_plane import TagPlane
 
 TAG_M = 0.3
 HALF = TAG_M / 2.0

@@ -8,7 +8,7 @@ from pathlib import Path
 import zenoh
 
 from revnm_server.camera import open_camera
-from revnm_server.mission import Mission
+from revnm_server.robots.mission import Mission
 from revnm_server.service import NavigationService
 
 from .recording_parts import read, recorder, records

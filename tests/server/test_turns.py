@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from revnm_server.turns import Turns
+from revnm_server.tick.turns import Turns
 
 
 def test_all_have_their_turn_where_there_are_few() -> None:

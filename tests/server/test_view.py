@@ -8,7 +8,7 @@ import numpy as np
 from revnm_client.geometry import Pose2
 from revnm_client.messages import Scan
 from revnm_server.floor_camera import FloorCamera
-from revnm_server.view import FloorCameraView, scan_view
+from revnm_server.views.view import FloorCameraView, scan_view
 
 
 def scan(ranges: np.ndarray) -> Scan:

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from revnm_server.travel_cost import CostSettings, travel_cost
-from revnm_server.way import at_lengths, bent_to, evenly, farthest_m, length_m, rest_of
-from revnm_server.way_smoothing import smooth
+from revnm_server.planning.travel_cost import CostSettings, travel_cost
+from revnm_server.planning.way import at_lengths, bent_to, evenly, farthest_m, length_m, rest_of
+from revnm_server.planning.way_smoothing import smooth
 
 from .floor_scenes import floor
 

@@ -10,8 +10,8 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from revnm_server.checked_file import file_sha256
-from revnm_server.manifest import MANIFEST
+from revnm_server.networks.checked_file import file_sha256
+from revnm_server.networks.manifest import MANIFEST
 
 EGO_PX = 32
 DISPARITY_HW = (24, 32)

@@ -12,9 +12,9 @@ from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import STANDSTILL, Odometry
 from revnm_server.calibration.keyframes import TagMount
 from revnm_server.frame import Frame, RobotSighting
-from revnm_server.map_navigator import RobotShape
 from revnm_server.observation import Image32
 from revnm_server.ports import Heard
+from revnm_server.tick.map_navigator import RobotShape
 from revnm_sim.camera import Camera
 from revnm_sim.raycast import cast_depth, disparity_from_depth, overlay_depth, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot

@@ -11,7 +11,7 @@ import pytest
 
 from revnm_client.geometry import Pose2
 from revnm_client.messages import Velocity
-from revnm_server.tag_plane import TagPlane
+from revnm_server.mapping.tag_plane import TagPlane
 from revnm_sim.bench.image_plan import ImageGrid, ImageRoute, find_path, look_ahead, see_floor
 from revnm_sim.bench.methods import METHODS, MethodContext, RobotFeed
 from revnm_sim.bench.methods.ibvs import by_image_angles, free_by_pixels, goal_pixel, heading_scale

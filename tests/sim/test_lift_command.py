@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
-from revnm_server.floor_view import floor_view
-from revnm_server.lift import FloorLifter, Lifted
-from revnm_server.map_window import WindowSpec
+from revnm_server.mapping.floor_view import floor_view
+from revnm_server.mapping.lift import FloorLifter, Lifted
+from revnm_server.mapping.map_window import WindowSpec
 from revnm_sim.bench.protocol import draw_setting
 from revnm_sim.camera import Camera
 from revnm_sim.cli import main

@@ -12,9 +12,9 @@ from revnm_client.geometry import Pose2
 from revnm_client.messages import STANDSTILL, Odometry
 from revnm_server.calibration.calibrator import Calibrator
 from revnm_server.calibration.keyframes import TagMount
-from revnm_server.floor_map import MapSpec
-from revnm_server.map_navigator import MapNavigator, NavigatorTick, RobotShape
-from revnm_server.site_map import SiteMap
+from revnm_server.mapping.floor_map import MapSpec
+from revnm_server.mapping.site_map import SiteMap
+from revnm_server.tick.map_navigator import MapNavigator, NavigatorTick, RobotShape
 from revnm_sim.camera import Camera
 from revnm_sim.raycast import cast_depth, disparity_from_depth, overlay_depth, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot

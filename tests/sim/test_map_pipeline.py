@@ -17,20 +17,20 @@ from revnm_client.messages import Scan
 from revnm_server.calibration.calibrator import CalibrationState
 from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.floor_camera import FloorCamera
-from revnm_server.floor_grid import FloorGrid
-from revnm_server.floor_map import MapSpec
 from revnm_server.frame import Frame, RobotSighting
-from revnm_server.kept_way import Carry
-from revnm_server.map_beliefs import MapBeliefs
-from revnm_server.map_navigator import MapRoute, NavigatorTick
-from revnm_server.map_pipeline import MapPipeline, way_in_picture
-from revnm_server.map_planner import MapPlanner
-from revnm_server.map_window import WindowSpec, map_window
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.mapping.floor_map import MapSpec
+from revnm_server.mapping.map_window import WindowSpec, map_window
+from revnm_server.mapping.site_map import SiteMap
 from revnm_server.observation import Image32
-from revnm_server.pipeline import TickResult
+from revnm_server.planning.kept_way import Carry
+from revnm_server.planning.map_planner import MapPlanner
+from revnm_server.planning.way import at_lengths
 from revnm_server.ports import BeliefRequest, EgoRequest, Heard
-from revnm_server.site_map import SiteMap
-from revnm_server.way import at_lengths
+from revnm_server.tick.map_beliefs import MapBeliefs
+from revnm_server.tick.map_navigator import MapRoute, NavigatorTick
+from revnm_server.tick.map_pipeline import MapPipeline, way_in_picture
+from revnm_server.tick.pipeline import TickResult
 from revnm_training.preset import load_preset
 
 from .map_room import CAMERA, GOAL_M, HW, SHAPE, SIZE_PX, Click, Room, Told, pixel_of

@@ -24,11 +24,11 @@ from revnm_server.api import create_application
 from revnm_server.api.live import live_router
 from revnm_server.camera import open_camera
 from revnm_server.camera.jpeg import decode_jpeg, encode_jpeg
-from revnm_server.map_pipeline import MapPipeline
-from revnm_server.mission import Mission
-from revnm_server.robot_senses import RobotSenses
+from revnm_server.robots.mission import Mission
+from revnm_server.robots.robot_senses import RobotSenses
 from revnm_server.service import NavigationService
 from revnm_server.settings import HttpSettings
+from revnm_server.tick.map_pipeline import MapPipeline
 
 from .map_room import GOAL_M, HW, SHAPE, SIZE_PX, Room, pixel_of
 

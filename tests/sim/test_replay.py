@@ -14,11 +14,9 @@ from revnm_client.cdr import encode_odometry, encode_scan
 from revnm_client.geometry import FloatArray
 from revnm_client.link import open_router
 from revnm_client.messages import Scan
-from revnm_server.bundle import default_bundle_path
 from revnm_server.camera.jpeg import encode_jpeg
 from revnm_server.frame import Frame, RobotSighting
-from revnm_server.map_pipeline import MapPipeline
-from revnm_server.mission import Goal
+from revnm_server.networks.bundle import default_bundle_path
 from revnm_server.observation import Image32
 from revnm_server.ports import Senses
 from revnm_server.recording.about import describe
@@ -26,9 +24,11 @@ from revnm_server.recording.heard_log import HeardLog
 from revnm_server.recording.record_reader import RecordReader
 from revnm_server.recording.recorder import Recorder
 from revnm_server.recording.replay import Comparison, RecordedSenses, known_before, replay
-from revnm_server.robot_senses import RobotSenses
+from revnm_server.robots.mission import Goal
+from revnm_server.robots.robot_senses import RobotSenses
 from revnm_server.settings import load_settings
-from revnm_server.tick_recorder import ObservedTick
+from revnm_server.tick.map_pipeline import MapPipeline
+from revnm_server.tick.tick_recorder import ObservedTick
 
 from .map_room import GOAL_M, HW, SHAPE, SIZE_PX, Room, pixel_of
 

@@ -17,7 +17,7 @@ from tests.server.waiting import eventually
 from revnm_client import cdr, keys
 from revnm_client.link import LatestSubscriber, open_client
 from revnm_client.messages import CompressedImage, Velocity
-from revnm_server.mission import Mission
+from revnm_server.robots.mission import Mission
 
 from .hall import CAMERA, ROBOT
 from .process import Process

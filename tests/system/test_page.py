@@ -19,7 +19,7 @@ from tests.server.waiting import eventually
 from revnm_client import keys
 from revnm_client.link import open_client
 from revnm_server.floor_camera import FloorCamera
-from revnm_server.view import FloorCameraView
+from revnm_server.views.view import FloorCameraView
 
 from .hall import CAMERA, SCENARIO
 from .screen import DESKTOP, PHONE, PHONE_ON_ITS_SIDE, Screen, chromium, screen

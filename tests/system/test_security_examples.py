@@ -24,8 +24,8 @@ from revnm_client.messages import Velocity
 from revnm_client.runner import RobotRunner
 from revnm_client.settings import load_settings as load_robot_settings
 from revnm_client.settings.assembly import agent_config, runner_settings
-from revnm_server.access import router_security
 from revnm_server.cli import main
+from revnm_server.robots.access import router_security
 from revnm_server.settings import load_settings as load_server_settings
 
 EXAMPLES = Path(__file__).parents[2] / "docs/security"

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from revnm_client.errors import FileError
-from revnm_server.bundle import default_bundle_path, load_bundle
-from revnm_server.manifest import MANIFEST
+from revnm_server.networks.bundle import default_bundle_path, load_bundle
+from revnm_server.networks.manifest import MANIFEST
 from revnm_server.speed.baseline import GROUP, run_networks
 from revnm_training.eager import eager_networks
 

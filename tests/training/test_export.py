@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from revnm_client.errors import ConfigError, FileError
-from revnm_server.bundle import load_bundle
+from revnm_server.networks.bundle import load_bundle
 from revnm_training.checkpoint import Checkpoint, fill, load_checkpoint, load_trained, save_checkpoint, save_weights
 from revnm_training.export import MapPolicyGraph, PolicyGraph, export_bundle, graphs
 from revnm_training.kept_part import kept_part

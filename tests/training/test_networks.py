@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from revnm_server.exo2ego import ddim_sample, ddim_schedule
 from revnm_server.observation import normalise_disparity
+from revnm_server.stages.exo2ego import ddim_sample, ddim_schedule
 from revnm_training.networks.act import ActPolicy, PolicyOutput, policy_loss
 from revnm_training.networks.depth_net import DepthNet, depth_loss
 from revnm_training.networks.dit import Denoiser, diffusion_loss

@@ -13,13 +13,13 @@ import torch
 from revnm_client.errors import ConfigError
 from revnm_client.geometry import FloatArray
 from revnm_server.assembly import build_pipeline
-from revnm_server.bundle import Bundle, load_bundle
 from revnm_server.frame import Frame, RobotSighting
+from revnm_server.networks.bundle import Bundle, load_bundle
 from revnm_server.observation import Image32, ImagePose
-from revnm_server.pipeline import Pipeline
-from revnm_server.policy import OnnxPolicy
 from revnm_server.ports import EgoRequest, PlanRequest
 from revnm_server.settings import PerceptionSettings
+from revnm_server.stages.policy import OnnxPolicy
+from revnm_server.tick.pipeline import Pipeline
 from revnm_training.checkpoint import Checkpoint, save_checkpoint
 from revnm_training.export import export_bundle
 from revnm_training.networks.act import ActPolicy

@@ -10,9 +10,9 @@ import pytest
 from revnm_client.errors import ConfigError, FileError
 from revnm_client.geometry import Pose2
 from revnm_server.frame import Frame
-from revnm_server.mission import Goal
 from revnm_server.observation import ImagePose, ObservationSpec, crop_around, exo_view, normalise_disparity
-from revnm_server.pipeline import Pipeline
+from revnm_server.robots.mission import Goal
+from revnm_server.tick.pipeline import Pipeline
 from revnm_sim.bench.methods.truth import TrueDisparity, TrueSightings
 from revnm_sim.engine import Engine
 from revnm_sim.raycast import cast_depth, robot_primitive

@@ -12,7 +12,7 @@ import pytest
 import torch
 import yaml
 
-from revnm_server.bundle import default_bundle_path, load_bundle
+from revnm_server.networks.bundle import default_bundle_path, load_bundle
 from revnm_training.checkpoint import load_checkpoint
 from revnm_training.cli import main
 from revnm_training.preset import load_preset

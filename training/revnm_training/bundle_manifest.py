@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from revnm_server.checked_file import file_sha256
+from revnm_server.networks.checked_file import file_sha256
 from revnm_training.checkpoint import Checkpoint
 from revnm_training.kept_part import KeptPart
 from revnm_training.preset import Preset

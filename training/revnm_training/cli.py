@@ -134,7 +134,7 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _quality(options: argparse.Namespace) -> int:
-    from revnm_server.bundle import default_bundle_path
+    from revnm_server.networks.bundle import default_bundle_path
     from revnm_training.quality.command import QualityConfig, measure_quality
 
     config = QualityConfig(
@@ -152,7 +152,7 @@ def _quality(options: argparse.Namespace) -> int:
 
 
 def _quality_encoder(options: argparse.Namespace) -> int:
-    from revnm_server.checked_file import file_sha256
+    from revnm_server.networks.checked_file import file_sha256
     from revnm_training.quality.encoder_training import train_encoder
 
     difference = train_encoder(options.out, steps=options.steps, seed=options.seed)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from revnm_server.manifest import MANIFEST
+from revnm_server.networks.manifest import MANIFEST
 from revnm_sim.bench.methods import Perception
 from revnm_training.episodes import layout_of
 from revnm_training.export import export_bundle

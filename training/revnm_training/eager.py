@@ -15,13 +15,13 @@ from torch import Tensor
 
 from revnm_client.errors import FileError
 from revnm_client.geometry import FloatArray
-from revnm_server.bundle import Bundle
-from revnm_server.exo2ego import ddim_sample, ddim_schedule, start_image
 from revnm_server.frame import Frame
-from revnm_server.manifest import MANIFEST
+from revnm_server.networks.bundle import Bundle
+from revnm_server.networks.manifest import MANIFEST
 from revnm_server.observation import Image32
 from revnm_server.ports import BeliefRequest, EgoRequest, PlanRequest
 from revnm_server.speed.baseline import Networks
+from revnm_server.stages.exo2ego import ddim_sample, ddim_schedule, start_image
 from revnm_training.networks.depth_net import DepthNet
 from revnm_training.networks.dit import Denoiser
 from revnm_training.networks.map_policy import MapPolicy
@@ -44,7 +44,7 @@ def eager_networks(bundle: Bundle) -> Networks:
 
 
 class EagerDepth:
-    """See :class:`revnm_server.depth.OnnxDepth`."""
+    """See :class:`revnm_server.stages.depth.OnnxDepth`."""
 
     def __init__(self, preset: Preset, where: str) -> None:
         """Build the network."""
@@ -62,7 +62,7 @@ class EagerDepth:
 
 
 class EagerExo2Ego:
-    """See :class:`revnm_server.exo2ego.OnnxExo2Ego`."""
+    """See :class:`revnm_server.stages.exo2ego.OnnxExo2Ego`."""
 
     def __init__(self, preset: Preset) -> None:
         """Build the denoiser."""
@@ -87,7 +87,7 @@ class EagerExo2Ego:
 
 
 class EagerPolicy:
-    """See :class:`revnm_server.policy.OnnxPolicy`."""
+    """See :class:`revnm_server.stages.policy.OnnxPolicy`."""
 
     def __init__(self, network: torch.nn.Module) -> None:
         """Take the network."""
@@ -111,7 +111,7 @@ class EagerPolicy:
 
 
 class EagerFloorPolicy:
-    """See :class:`revnm_server.policy.OnnxFloorPolicy`."""
+    """See :class:`revnm_server.stages.policy.OnnxFloorPolicy`."""
 
     def __init__(self, network: MapPolicy) -> None:
         """Take the network."""

@@ -21,11 +21,11 @@ import torch
 from torch import Tensor, nn
 
 from revnm_client.errors import ConfigError, ContractError, FileError
-from revnm_server.bundle import default_bundle_path, load_bundle
-from revnm_server.ego_prior import PRIOR_CHANNELS
-from revnm_server.inference import OnnxModel
-from revnm_server.manifest import MANIFEST
-from revnm_server.map_window import LAYERS, WAY_POINTS, WindowSpec
+from revnm_server.mapping.ego_prior import PRIOR_CHANNELS
+from revnm_server.mapping.map_window import LAYERS, WAY_POINTS, WindowSpec
+from revnm_server.networks.bundle import default_bundle_path, load_bundle
+from revnm_server.networks.inference import OnnxModel
+from revnm_server.networks.manifest import MANIFEST
 from revnm_training.bundle_manifest import bundle_manifest
 from revnm_training.checkpoint import Checkpoint, fill, load_trained
 from revnm_training.kept_part import KeptPart, kept_part

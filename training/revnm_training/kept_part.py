@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from revnm_client.errors import FileError
-from revnm_server.bundle import load_bundle, load_depth_bundle
-from revnm_server.manifest import MANIFEST
+from revnm_server.networks.bundle import load_bundle, load_depth_bundle
+from revnm_server.networks.manifest import MANIFEST
 from revnm_training.preset import DepthConfig, Preset, depth_config_from
 
 _NEEDED = {"depth": ("disparity_hw",)}

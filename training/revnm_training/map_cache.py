@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from revnm_server.map_window import LAYERS, WAY_POINTS, WindowSpec
+from revnm_server.mapping.map_window import LAYERS, WAY_POINTS, WindowSpec
 from revnm_server.observation import Image32, ObservationSpec
 from revnm_training.cache import Arrays, Block, Column, fill_cache
 from revnm_training.episodes import read_episodes

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
-from revnm_server.ego_prior import ego_prior
-from revnm_server.floor_grid import FloorGrid
-from revnm_server.map_window import WAY_POINTS, WindowSpec, map_window, window_points_m
+from revnm_server.mapping.ego_prior import ego_prior
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.mapping.map_window import WAY_POINTS, WindowSpec, map_window, window_points_m
 from revnm_server.observation import (
     Image32,
     ImagePose,
@@ -26,7 +26,7 @@ from revnm_server.observation import (
     normalise_ego_depth,
     normalise_pixel,
 )
-from revnm_server.travel_cost import CostSettings, travel_cost
+from revnm_server.planning.travel_cost import CostSettings, travel_cost
 from revnm_sim.expert import CostToGo, Expert
 from revnm_sim.occupancy import OccupancyGrid
 from revnm_sim.potential import march, waypoints_of

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_server.floor_camera import FloorCamera
-from revnm_server.floor_grid import FloorGrid
-from revnm_server.floor_map import Body, FloorMapper, take_out
-from revnm_server.floor_view import floor_view
 from revnm_server.frame import Frame
-from revnm_server.lift import FloorLifter, Lifted, NoFloor
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.mapping.floor_map import Body, FloorMapper, take_out
+from revnm_server.mapping.floor_view import floor_view
+from revnm_server.mapping.lift import FloorLifter, Lifted, NoFloor
+from revnm_server.mapping.scan_memory import ScanMemory
 from revnm_server.observation import Image32
-from revnm_server.scan_memory import ScanMemory
 from revnm_sim.camera import Camera
 from revnm_sim.lift_faults import DepthFault
 from revnm_sim.lift_truth import exact_calibration
@@ -33,7 +33,7 @@ from revnm_sim.shade import shade
 from revnm_sim.world import World, primitive_arrays
 
 if TYPE_CHECKING:
-    from revnm_server.depth import OnnxDepth
+    from revnm_server.stages.depth import OnnxDepth
 
 _NS_PER_S = 1e9
 _BEAMS = 360
@@ -170,8 +170,8 @@ def _disparity(
 @functools.cache
 def _network() -> OnnxDepth:
     """Return the shipped depth network, loaded once a process; nothing else here needs ONNX."""
-    from revnm_server.bundle import default_bundle_path, load_depth_bundle
-    from revnm_server.depth import OnnxDepth
+    from revnm_server.networks.bundle import default_bundle_path, load_depth_bundle
+    from revnm_server.stages.depth import OnnxDepth
 
     return OnnxDepth(load_depth_bundle(default_bundle_path(), threads=1))
 

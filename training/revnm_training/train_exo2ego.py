@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from revnm_server.exo2ego import ddim_sample, ddim_schedule, start_image
 from revnm_server.observation import Image32
+from revnm_server.stages.exo2ego import ddim_sample, ddim_schedule, start_image
 from revnm_training.batches import add_noise, gather, mirror, signed, unit
 from revnm_training.checkpoint import fill, load_trained
 from revnm_training.map_cache import rendered

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from revnm_server.map_window import LAYERS
+from revnm_server.mapping.map_window import LAYERS
 from revnm_training.batches import add_noise, gather, mirror, signed, unit
 from revnm_training.map_cache import UNREACHED
 from revnm_training.networks.map_policy import Dense, MapPolicyOutput, map_policy_loss

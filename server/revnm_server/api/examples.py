@@ -10,7 +10,7 @@ from revnm_server.api.guard import Role
 from revnm_server.api.health import Health
 from revnm_server.api.robots import GoalReply, OrderReply
 from revnm_server.api.session import Session
-from revnm_server.view import (
+from revnm_server.views.view import (
     CalibrationView,
     CameraView,
     FloorCameraView,

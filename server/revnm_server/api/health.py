@@ -8,8 +8,8 @@ from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from pydantic import BaseModel
 
 from revnm_server.api.problems import problem, responses
-from revnm_server.metrics import metrics_registry
 from revnm_server.service import NavigationService
+from revnm_server.views.metrics import metrics_registry
 
 
 class Health(BaseModel):

@@ -17,7 +17,7 @@ from revnm_server.api.shared_state import PERIOD_S, SharedState
 from revnm_server.camera.jpeg import encode_jpeg
 from revnm_server.frame import Frame
 from revnm_server.service import NavigationService
-from revnm_server.view import ServerView
+from revnm_server.views.view import ServerView
 
 _SEND_S = 5.0
 _NO_PICTURE = "the camera has not given a picture yet"

@@ -15,9 +15,9 @@ from starlette.concurrency import run_in_threadpool
 
 from revnm_server.api.between_ticks import BetweenTicks
 from revnm_server.camera.jpeg import encode_jpeg
-from revnm_server.depth_picture import depth_picture, ego_picture
-from revnm_server.map_picture import map_picture
 from revnm_server.service import NavigationService
+from revnm_server.views.depth_picture import depth_picture, ego_picture
+from revnm_server.views.map_picture import map_picture
 
 MEDIA_TYPE = "multipart/x-mixed-replace; boundary=frame"
 _PERIOD_S = 0.1

@@ -14,8 +14,8 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
-from revnm_server.mission import GoalError, StoppedError, UnknownRobotError
 from revnm_server.recording.errors import RecordingError
+from revnm_server.robots.mission import GoalError, StoppedError, UnknownRobotError
 
 logger = logging.getLogger(__name__)
 

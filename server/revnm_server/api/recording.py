@@ -7,8 +7,8 @@ from fastapi import APIRouter
 from revnm_server.api.problems import responses
 from revnm_server.recording.errors import RecordingError
 from revnm_server.service import NavigationService
-from revnm_server.tick_recorder import TickRecorder
-from revnm_server.view import RecordingView
+from revnm_server.tick.tick_recorder import TickRecorder
+from revnm_server.views.view import RecordingView
 
 _NO_RECORD = {409: "It cannot be done now: the detail says why."}
 

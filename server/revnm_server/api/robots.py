@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from revnm_server.api.problems import responses
 from revnm_server.service import NavigationService
-from revnm_server.view import GoalView, RobotView
+from revnm_server.views.view import GoalView, RobotView
 
 Pixel = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 RobotName = Annotated[str, Path(description="A robot's name, as in the server's settings.")]

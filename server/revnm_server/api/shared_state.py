@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pydantic import TypeAdapter
 
 from revnm_server.service import NavigationService
-from revnm_server.view import ServerView
+from revnm_server.views.view import ServerView
 
 PERIOD_S = 0.1
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from revnm_client.errors import ConfigError, RevnmError
-from revnm_server.bundle import default_bundle_path, load_bundle
-from revnm_server.manifest import read_manifest
+from revnm_server.networks.bundle import default_bundle_path, load_bundle
+from revnm_server.networks.manifest import read_manifest
 from revnm_server.report import make_folder, table, write_report
 from revnm_server.speed.tables import OURS, Row, one_after_the_other, stage_rows, summary
 
@@ -50,9 +50,9 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _measure(folder: Path, counts: list[int], options: argparse.Namespace) -> list[Row]:
-    from revnm_server.map_beliefs import AT_ONCE
     from revnm_server.speed.baseline import backends, run_networks
     from revnm_server.speed.drive import Course, drive
+    from revnm_server.tick.map_beliefs import AT_ONCE
 
     bundle, rows = load_bundle(folder, threads=options.threads), []
     for robots in counts:

@@ -11,10 +11,10 @@ from pathlib import Path
 from revnm_client.credentials import readable
 from revnm_client.errors import FileError
 from revnm_client.exit_status import WRONG
-from revnm_server.access import security_of
-from revnm_server.bundle import default_bundle_path
 from revnm_server.camera.url import redact
-from revnm_server.manifest import read_manifest
+from revnm_server.networks.bundle import default_bundle_path
+from revnm_server.networks.manifest import read_manifest
+from revnm_server.robots.access import security_of
 from revnm_server.settings import BadSettingsError, Settings, load_settings
 
 

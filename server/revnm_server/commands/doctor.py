@@ -18,7 +18,7 @@ from revnm_server.commands.setting_options import add_setting_options, settings_
 from revnm_server.doctor import Finding, Verdict, examine
 from revnm_server.log_output import start_log
 from revnm_server.settings import HttpSettings, RecordingSettings, Settings
-from revnm_server.view import ServerView
+from revnm_server.views.view import ServerView
 
 SICK = 1
 

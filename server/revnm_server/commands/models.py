@@ -13,8 +13,8 @@ import yaml
 
 from revnm_client.errors import ConfigError
 from revnm_client.exit_status import INTERRUPTED
-from revnm_server.download import RemoteFile, check_url, download, http_client
-from revnm_server.model_catalogue import CatalogueEntry, CatalogueFile, file_name, load_catalogue
+from revnm_server.networks.download import RemoteFile, check_url, download, http_client
+from revnm_server.networks.model_catalogue import CatalogueEntry, CatalogueFile, file_name, load_catalogue
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")
 _SHA256 = re.compile(r"[0-9a-f]{64}")

@@ -89,10 +89,10 @@ def _settings(path: Path, section: type[_Recorded], recorded: dict[str, Any]) ->
 
 def _replay(reader: RecordReader, settings: PerceptionSettings, depth: DepthSettings) -> Comparison:
     from revnm_server.assembly import build_map_pipeline, build_pipeline, load_models
-    from revnm_server.bundle import Bundle, default_bundle_path
     from revnm_server.calibration.store import save_belief
-    from revnm_server.checked_file import file_sha256
-    from revnm_server.manifest import MANIFEST
+    from revnm_server.networks.bundle import Bundle, default_bundle_path
+    from revnm_server.networks.checked_file import file_sha256
+    from revnm_server.networks.manifest import MANIFEST
 
     about = reader.about
     models = load_models(settings, depth)

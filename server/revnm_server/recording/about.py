@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from revnm_server.camera.url import redact
-from revnm_server.checked_file import file_sha256
-from revnm_server.manifest import MANIFEST
+from revnm_server.networks.checked_file import file_sha256
+from revnm_server.networks.manifest import MANIFEST
 from revnm_server.report import installed_versions
 from revnm_server.settings import Settings
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from revnm_server.recording.ros import Level, Status
-from revnm_server.view import CameraView, RobotView, ServerView
+from revnm_server.views.view import CameraView, RobotView, ServerView
 
 _CAMERA_LEVELS = {"running": Level.OK, "stale": Level.STALE, "init": Level.WARN}
 _ROBOT_LEVELS = {"waiting": Level.WARN}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 
 from revnm_server.recording.heard_log import Listening
-from revnm_server.tick_recorder import ObservedTick
+from revnm_server.tick.tick_recorder import ObservedTick
 
 _MOST_TICK_BYTES = 64_000_000
 _MOST_LINES = 1000

@@ -13,7 +13,7 @@ from revnm_server.recording import topics
 from revnm_server.recording.heard_log import Listening
 from revnm_server.recording.ros import Transform, frames_of
 from revnm_server.recording.wire_tap import WireEntry
-from revnm_server.site_report import SiteReport
+from revnm_server.tick.site_report import SiteReport
 
 FLOOR = "floor"
 

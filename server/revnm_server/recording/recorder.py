@@ -18,9 +18,9 @@ from revnm_server.recording.recording import Recording, Rotation
 from revnm_server.recording.scribe import Scribe
 from revnm_server.recording.wire_tap import WireTap
 from revnm_server.settings import RecordingSettings
-from revnm_server.site_report import SiteReport
-from revnm_server.tick_recorder import ObservedTick
-from revnm_server.view import RecordingView, ServerView
+from revnm_server.tick.site_report import SiteReport
+from revnm_server.tick.tick_recorder import ObservedTick
+from revnm_server.views.view import RecordingView, ServerView
 
 logger = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from revnm_server.recording.record_file import RecordFile
 from revnm_server.recording.record_folder import RecordFolder
 from revnm_server.recording.scribe import Scribe
 from revnm_server.recording.wire_tap import WireTap
-from revnm_server.view import RecordingView, ServerView
+from revnm_server.views.view import RecordingView, ServerView
 
 logger = logging.getLogger(__name__)
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from revnm_client.geometry import FloatArray
 from revnm_server.calibration.adjustment import Belief
-from revnm_server.pipeline import TickResult
 from revnm_server.ports import Heard
 from revnm_server.recording.record_reader import RecordedTick
 from revnm_server.recording.tick_document import TickDocument
 from revnm_server.service import TickSource
+from revnm_server.tick.pipeline import TickResult
 
 _LEAST_AGREEMENT = 0.95  # share of ticks in which both or neither must have a plan
 

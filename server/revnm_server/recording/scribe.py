@@ -14,9 +14,9 @@ from revnm_server.recording.record_file import RecordFile
 from revnm_server.recording.tick_document import encode_tick
 from revnm_server.recording.topics import Topic
 from revnm_server.recording.wire_tap import WireEntry, wire_topics
-from revnm_server.site_report import SiteReport, SiteRoute
-from revnm_server.tick_recorder import ObservedTick
-from revnm_server.view import ServerView
+from revnm_server.tick.site_report import SiteReport, SiteRoute
+from revnm_server.tick.tick_recorder import ObservedTick
+from revnm_server.views.view import ServerView
 
 _DEPTH_STEPS = 1000  # a fifth of what floats take, a third of 16 bits: a network is not that exact
 

@@ -17,9 +17,9 @@ from revnm_client.errors import FileError
 from revnm_client.geometry import IDENTITY, FloatArray, Pose2
 from revnm_server.calibration.adjustment import Belief
 from revnm_server.calibration.calibrator import CalibrationState
-from revnm_server.mission import Goal
 from revnm_server.recording.heard_log import Listening
-from revnm_server.tick_recorder import ObservedTick
+from revnm_server.robots.mission import Goal
+from revnm_server.tick.tick_recorder import ObservedTick
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,9 @@ from typing import Annotated, Self
 
 import pydantic
 
-from revnm_server.depth_input import MAX_SIDE_PX, Mode, Range
-from revnm_server.depth_output import Kind
-from revnm_server.manifest import FileName, PerChannel, Sha256
+from revnm_server.networks.depth_input import MAX_SIDE_PX, Mode, Range
+from revnm_server.networks.depth_output import Kind
+from revnm_server.networks.manifest import FileName, PerChannel, Sha256
 from revnm_server.settings.section import Section
 
 _IMAGENET_MEAN = (0.485, 0.456, 0.406)

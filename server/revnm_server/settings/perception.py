@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import pydantic
 
-from revnm_server.providers import Provider
+from revnm_server.networks.providers import Provider
 from revnm_server.settings.section import Section
 
 

@@ -16,10 +16,10 @@ from typing import cast
 import numpy as np
 from tqdm import tqdm
 
-from revnm_server.bundle import Bundle
-from revnm_server.ego_prior import PRIOR_CHANNELS
 from revnm_server.frame import Frame, RobotSighting
-from revnm_server.map_window import LAYERS, WAY_POINTS, WindowSpec
+from revnm_server.mapping.ego_prior import PRIOR_CHANNELS
+from revnm_server.mapping.map_window import LAYERS, WAY_POINTS, WindowSpec
+from revnm_server.networks.bundle import Bundle
 from revnm_server.observation import ImagePose
 from revnm_server.ports import (
     BeliefRequest,

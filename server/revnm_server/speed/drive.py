@@ -13,14 +13,14 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from revnm_server.assembly import build_map_pipeline, build_pipeline
-from revnm_server.bundle import Bundle
 from revnm_server.calibration.adjustment import Belief
 from revnm_server.calibration.store import save_belief
-from revnm_server.map_pipeline import MapPipeline
-from revnm_server.pipeline import Pipeline
+from revnm_server.networks.bundle import Bundle
 from revnm_server.settings import PerceptionSettings
 from revnm_server.speed.room import CAMERA, Room
 from revnm_server.speed.room_picture import RoomPainter
+from revnm_server.tick.map_pipeline import MapPipeline
+from revnm_server.tick.pipeline import Pipeline
 
 _CAMERA = "bench"
 # As a kept calibration is known: 1 % in focal length and height, a third of a degree in pitch and roll.

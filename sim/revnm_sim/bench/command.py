@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from revnm_client.errors import ConfigError
-from revnm_server.bundle import default_bundle_path
-from revnm_server.checked_file import file_sha256
-from revnm_server.manifest import MANIFEST, read_manifest
+from revnm_server.networks.bundle import default_bundle_path
+from revnm_server.networks.checked_file import file_sha256
+from revnm_server.networks.manifest import MANIFEST, read_manifest
 from revnm_sim.bench.journal import Journal
 from revnm_sim.bench.methods import METHODS, WITH_DEPTH_NETWORK, WITH_MODELS, WITH_OWN_BUNDLE
 from revnm_sim.bench.progress import run_missing

@@ -11,12 +11,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from revnm_client.geometry import FloatArray, Pose2
-from revnm_server.bundle import Bundle, load_bundle
-from revnm_server.ego_prior import ego_prior
-from revnm_server.exo2ego import OnnxExo2Ego
-from revnm_server.floor_map import FloorMapper
-from revnm_server.floor_view import floor_view
-from revnm_server.lift import FloorLifter, NoFloor
+from revnm_server.mapping.ego_prior import ego_prior
+from revnm_server.mapping.floor_map import FloorMapper
+from revnm_server.mapping.floor_view import floor_view
+from revnm_server.mapping.lift import FloorLifter, NoFloor
+from revnm_server.networks.bundle import Bundle, load_bundle
 from revnm_server.observation import (
     Image32,
     ImagePose,
@@ -27,6 +26,7 @@ from revnm_server.observation import (
     normalise_pixel,
 )
 from revnm_server.ports import EgoRequest
+from revnm_server.stages.exo2ego import OnnxExo2Ego
 from revnm_sim.bench.methods import WITH_MODELS
 from revnm_sim.bench.metrics import Results
 from revnm_sim.bench.protocol import Setting, draw_setting

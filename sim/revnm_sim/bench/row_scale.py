@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from revnm_client.geometry import FloatArray
-from revnm_server.tag_plane import TagPlane
+from revnm_server.mapping.tag_plane import TagPlane
 from revnm_sim.bench.image_plan import BoolArray, ImageGrid
 
 _STEP_M = 0.01

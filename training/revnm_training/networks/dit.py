@@ -14,9 +14,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from revnm_server.ego_prior import PRIOR_CHANNELS
-from revnm_server.exo2ego import DIFFUSION_STEPS, cosine_alpha_bar
+from revnm_server.mapping.ego_prior import PRIOR_CHANNELS
 from revnm_server.observation import ObservationSpec
+from revnm_server.stages.exo2ego import DIFFUSION_STEPS, cosine_alpha_bar
 from revnm_training.networks.transformer import attend, sine_position_2d
 from revnm_training.preset import Exo2EgoConfig
 
@@ -88,7 +88,7 @@ class Denoiser(nn.Module):
             robot: (B, 2) normalised pixel of the robot.
             heading: (B, 2) unit vector of its forward axis in the picture.
             prior: (B, 2, e, e) the exo depth reprojected into the robot's view and where it is known, of
-                :func:`revnm_server.ego_prior.ego_prior`; given exactly if the network was built for it.
+                :func:`revnm_server.mapping.ego_prior.ego_prior`; given exactly if the network was built for it.
 
         Returns:
             (B, 1, e, e) clean ego depth in [−1, 1].

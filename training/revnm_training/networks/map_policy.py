@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from revnm_server.map_window import LAYERS, WAY_POINTS, WindowSpec
+from revnm_server.mapping.map_window import LAYERS, WAY_POINTS, WindowSpec
 from revnm_server.observation import ObservationSpec
 from revnm_training.networks.act import LatentEncoder
 from revnm_training.networks.resnet import BasicBlock, ResNet, stages
@@ -99,7 +99,7 @@ class MapPolicy(nn.Module):
         """Predict waypoints.
 
         Args:
-            window: (B, 4, s, s) the map around the robot, in [0, 1]: :data:`revnm_server.map_window.LAYERS`.
+            window: (B, 4, s, s) the map around the robot, in [0, 1]: :data:`revnm_server.mapping.map_window.LAYERS`.
             way: (B, P, 2) the planner's way, robot frame, metres, points as far apart as waypoints.
             goal: (B, 2) robot frame, metres.
             ego: (B, 1, e, e) ego depth in [−1, 1].

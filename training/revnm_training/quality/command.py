@@ -17,12 +17,12 @@ from tqdm import tqdm
 
 from revnm_client.errors import ConfigError, FileError
 from revnm_client.geometry import FloatArray
-from revnm_server.bundle import Bundle, default_bundle_path, load_bundle
-from revnm_server.checked_file import file_sha256
-from revnm_server.exo2ego import DIFFUSION_STEPS, OnnxExo2Ego
-from revnm_server.manifest import MANIFEST
+from revnm_server.networks.bundle import Bundle, default_bundle_path, load_bundle
+from revnm_server.networks.checked_file import file_sha256
+from revnm_server.networks.manifest import MANIFEST
 from revnm_server.observation import Image32, ObservationSpec
 from revnm_server.ports import EgoRequest
+from revnm_server.stages.exo2ego import DIFFUSION_STEPS, OnnxExo2Ego
 from revnm_sim.bench.report import table, write_report
 from revnm_sim.worlds import is_generated, named_site
 from revnm_training.quality.depth import measure_depth

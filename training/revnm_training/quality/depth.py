@@ -13,9 +13,9 @@ import numpy as np
 from tqdm import tqdm
 
 from revnm_client.errors import ContractError
-from revnm_server.bundle import load_depth_bundle
-from revnm_server.depth import OnnxDepth
 from revnm_server.frame import Frame
+from revnm_server.networks.bundle import load_depth_bundle
+from revnm_server.stages.depth import OnnxDepth
 from revnm_sim.placement import sample_camera
 from revnm_sim.raycast import cast_depth, disparity_from_depth
 from revnm_sim.shade import shade

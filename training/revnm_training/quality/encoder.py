@@ -12,8 +12,8 @@ import numpy as np
 
 from revnm_client.errors import FileError
 from revnm_client.geometry import FloatArray
-from revnm_server.checked_file import file_sha256
-from revnm_server.inference import OnnxModel
+from revnm_server.networks.checked_file import file_sha256
+from revnm_server.networks.inference import OnnxModel
 from revnm_server.observation import Image32
 
 ENCODER_PX = 32

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from revnm_client.errors import ContractError
 from revnm_client.geometry import FloatArray, Pose2
-from revnm_server.ego_prior import ego_prior
+from revnm_server.mapping.ego_prior import ego_prior
 from revnm_server.observation import (
     Image32,
     ImagePose,
@@ -56,8 +56,8 @@ class View:
         pose: Where the robot is in the picture.
         crops: (N, crop_px, crop_px) in [0, 1], oldest first, all cut around ``pose``.
         ego: (ego_px, ego_px) in [−1, 1], what the robot sees in truth.
-        prior: (2, ego_px, ego_px) as of :func:`revnm_server.ego_prior.ego_prior`, from the camera alone; None where
-            nobody asked for it.
+        prior: (2, ego_px, ego_px) as of :func:`revnm_server.mapping.ego_prior.ego_prior`, from the camera alone; None
+            where nobody asked for it.
     """
 
     pose: ImagePose

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from revnm_client.geometry import FloatArray
-from revnm_server.bundle import load_bundle
 from revnm_server.calibration.calibrator import Calibrator
 from revnm_server.calibration.keyframes import TagMount
-from revnm_server.depth import OnnxDepth
 from revnm_server.frame import Frame
-from revnm_server.map_beliefs import MapBeliefs
-from revnm_server.map_navigator import MapNavigator, RobotShape
-from revnm_server.site_map import SiteMap
+from revnm_server.mapping.site_map import SiteMap
+from revnm_server.networks.bundle import load_bundle
+from revnm_server.stages.depth import OnnxDepth
+from revnm_server.tick.map_beliefs import MapBeliefs
+from revnm_server.tick.map_navigator import MapNavigator, RobotShape
 from revnm_sim.bench.methods.method import MethodContext
 from revnm_sim.bench.methods.pose import ROBOT, NoisySightings
 from revnm_sim.bench.methods.truth import PixelGoal, TrueDisparity

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from revnm_client.geometry import FloatArray
-from revnm_server.tag_plane import TagPlane
+from revnm_server.mapping.tag_plane import TagPlane
 from revnm_sim.bench.image_plan import ImageGrid, ImageRoute, look_ahead, see_floor
 from revnm_sim.bench.methods.ibvs import goal_pixel
 from revnm_sim.bench.methods.method import SPACING_M, WAYPOINTS, MethodContext

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from revnm_server.bundle import Bundle
+from revnm_server.networks.bundle import Bundle
 from revnm_server.observation import Image32
 from revnm_server.ports import EgoRequest
 from revnm_sim.bench.methods.method import MethodContext

@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from revnm_client.geometry import FloatArray
-from revnm_server.bundle import Bundle
-from revnm_server.depth import OnnxDepth
 from revnm_server.frame import Frame
-from revnm_server.pipeline import Pipeline
-from revnm_server.policy import OnnxPolicy
+from revnm_server.networks.bundle import Bundle
 from revnm_server.ports import EgoDepth
+from revnm_server.stages.depth import OnnxDepth
+from revnm_server.stages.policy import OnnxPolicy
+from revnm_server.tick.pipeline import Pipeline
 from revnm_sim.bench.methods.method import MethodContext
 from revnm_sim.bench.methods.pose import ROBOT
 from revnm_sim.bench.methods.truth import PixelGoal, TrueDisparity, TrueSightings

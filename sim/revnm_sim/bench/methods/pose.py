@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from revnm_server.frame import RobotSighting
-from revnm_server.tag_plane import TagPlane
+from revnm_server.mapping.tag_plane import TagPlane
 from revnm_sim.robot import see_robot
 from revnm_sim.scenario import Scenario, tag_seen
 from revnm_sim.simulation import Simulation

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from revnm_client.geometry import FloatArray
-from revnm_server.bundle import Bundle, load_bundle
-from revnm_server.exo2ego import OnnxExo2Ego
-from revnm_server.map_beliefs import MapBeliefs
-from revnm_server.policy import OnnxFloorPolicy
+from revnm_server.networks.bundle import Bundle, load_bundle
 from revnm_server.ports import EgoDepth
+from revnm_server.stages.exo2ego import OnnxExo2Ego
+from revnm_server.stages.policy import OnnxFloorPolicy
+from revnm_server.tick.map_beliefs import MapBeliefs
 from revnm_sim.bench.methods.bev import BevMethod
 from revnm_sim.bench.methods.method import Method, MethodContext
 from revnm_sim.bench.methods.picture import PictureMethod

@@ -1,0 +1,333 @@
+"""From depth pictures, sightings, odometry and scans to waypoints, over a map that the camera's own calibration makes.
+
+    calibration + odometry → floor_from_robot
+    disparity → memory → lift → map of the floor ← scans
+    map + floor_from_robot + goal pixel → way → waypoints
+    sightings + odometry → calibration of the next picture
+
+Until the calibration is good enough the robot takes careful first steps that teach it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from revnm_client.geometry import FloatArray, Pose2
+from revnm_client.messages import Odometry, Scan
+from revnm_server.calibration.calibrator import CalibrationState, Calibrator
+from revnm_server.calibration.keyframes import DRIVES_OF_A_ROBOT, Keyframe, TagMount, Travel
+from revnm_server.calibration.odometry_track import OdometryTrack
+from revnm_server.frame import RobotSighting
+from revnm_server.mapping.floor_grid import FloorGrid
+from revnm_server.mapping.floor_map import Body
+from revnm_server.mapping.scan_trail import PastScan, ScanTrail
+from revnm_server.mapping.site_map import Reframed, SiteMap
+from revnm_server.mapping.tag_plane import TagPlane
+from revnm_server.observation import Image32
+from revnm_server.planning.first_steps import StepSettings, first_steps
+from revnm_server.planning.goal_search import TRUSTED_M, GoalSearch
+from revnm_server.planning.map_planner import MapPlanner, PlannerSettings
+from revnm_server.ports import GoalPixel
+from revnm_server.tick.standing_tag import StandingTag
+from revnm_server.tick.turns import Turns
+
+_SEARCHES = 2  # ways a tick that are looked for only because it is time
+_ARRIVED_M = 0.2
+_SEARCHING = "the robot should be at its goal, but the camera does not see it there: looking around"
+_BEYOND = "the robot is beyond the map: it is led straight towards it"
+_BACK_LEAST_M = 0.15
+_BACK_M = 0.4  # a robot that was lost from sight is led back at least so far: nearer is as good as there
+
+
+@dataclass(frozen=True, slots=True)
+class RobotShape:
+    """What the map must know of a robot.
+
+    Attributes:
+        mount: Its tag.
+        length_m: Along its heading, the tag in the middle.
+        width_m: Across.
+    """
+
+    mount: TagMount
+    length_m: float
+    width_m: float
+
+    def body(self, floor_from_robot: Pose2) -> Body:
+        """Return the robot at a place."""
+        return Body(floor_from_robot, self.length_m, self.width_m, self.mount.height_m)
+
+
+@dataclass(frozen=True, slots=True)
+class MapRoute:
+    """What a robot shall do.
+
+    Attributes:
+        waypoints_m: (H, 2) metres, frame of the robot at the picture's capture; None for no plan.
+        way_m: (P, 2) the way in the camera's floor frame, metres; None without a map.
+        reason: Why there is no plan, or what is provisional about it; empty where all is well.
+        goal_m: (2,) the goal on the floor, the camera's floor frame; None where it is not known.
+        arrived: The robot's middle is at the goal, and the camera has just seen it.
+        aim_m: (2,) where the way should lead to: the goal, or where to look for it; None without a way.
+    """
+
+    waypoints_m: FloatArray | None
+    way_m: FloatArray | None
+    reason: str
+    goal_m: FloatArray | None = None
+    arrived: bool = False
+    aim_m: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatorTick:
+    """What one picture gave.
+
+    Attributes:
+        routes: By robot, for those that have a goal.
+        places: floor_from_robot by robot, for those whose place is known.
+        grid: The map, in the camera's floor frame; None while there is none.
+        calibration: How well the camera is known.
+        standing: A robot that the picture shows standing though its odometry has it drive; None where there is none.
+    """
+
+    routes: dict[str, MapRoute]
+    places: dict[str, Pose2]
+    grid: FloorGrid | None
+    calibration: CalibrationState
+    standing: str | None = None
+
+
+@dataclass(slots=True)
+class _Robot:
+    shape: RobotShape
+    track: OdometryTrack
+    planner: MapPlanner
+    search: GoalSearch = field(default_factory=GoalSearch)
+    trail: ScanTrail = field(default_factory=ScanTrail)
+    tag: StandingTag = field(default_factory=StandingTag)
+    scan: Scan | None = None
+    sighting: RobotSighting | None = None
+    seen: Travel | None = None
+    driven: list[Pose2] = field(default_factory=list)
+    drive: int = -1
+
+    def note_driven(self, odom_from_robot: Pose2, *, learning: bool) -> None:
+        """Remember where the robot was seen in this drive; where nothing is to be learnt, only the last place."""
+        if self.drive != self.track.drive or not learning:
+            self.driven.clear()
+        self.drive = self.track.drive
+        self.driven.append(odom_from_robot)
+
+    def hidden_m(self, travel: Travel) -> float:
+        """Return how far the robot went since the camera saw it last; inf if that was not in this drive."""
+        seen_now = self.seen is not None and self.drive == self.track.drive
+        return travel.way_m - self.seen.way_m if seen_now and self.seen is not None else math.inf
+
+
+class MapNavigator:
+    """One camera, its map, and the ways of its robots."""
+
+    def __init__(
+        self,
+        robots: Mapping[str, RobotShape],
+        calibrator: Calibrator,
+        site: SiteMap,
+        *,
+        planner: PlannerSettings | None = None,
+        steps: StepSettings | None = None,
+    ) -> None:
+        """Begin with an empty map.
+
+        Args:
+            robots: By name.
+            calibrator: Of the camera.
+            site: The map.
+            planner: How to plan on it.
+            steps: How to drive before there is a calibration.
+        """
+        self._calibrator, self._site = calibrator, site
+        self._steps = steps or StepSettings()
+        self._robots = {
+            name: _Robot(shape, OdometryTrack(index * DRIVES_OF_A_ROBOT), MapPlanner(planner or PlannerSettings()))
+            for index, (name, shape) in enumerate(robots.items())
+        }
+        self._untaught: list[Keyframe] = []
+        self._turns = Turns(_SEARCHES)
+        self.learn()  # places the map in a calibration that was kept
+
+    def hear_odometry(self, robot: str, odometry: Odometry) -> None:
+        """Take a robot's odometry."""
+        self._robots[robot].track.push(odometry)
+
+    def hear_scan(self, robot: str, scan: Scan) -> None:
+        """Take a robot's scan, whose odometry came before it."""
+        each = self._robots[robot]
+        each.scan = scan
+        travel = each.track.at(scan.stamp_ns)
+        if travel is None:
+            return
+        past = PastScan(scan, travel, each.track.drive)
+        each.trail.push(past)
+        place = self._calibrator.floor_from_robot(travel, past.drive)
+        if place is not None:
+            self._site.hear_scan(scan, place)
+
+    def step(
+        self,
+        stamp_ns: int,
+        disparity: Image32,
+        sightings: Sequence[RobotSighting],
+        goals: Mapping[str, GoalPixel],
+    ) -> NavigatorTick:
+        """Process one picture. What sightings teach of a camera that has placed their robots waits for :meth:`learn`.
+
+        Args:
+            stamp_ns: Its capture time.
+            disparity: (h, w) its disparity, up to scale and shift.
+            sightings: The robots that are visible in it.
+            goals: Where robots should go; who is not in it gets no route.
+        """
+        standing = [sighting.robot for sighting in sightings if self._sight(sighting)]
+        state = self._calibrator.state
+        places = self._places(stamp_ns)
+        self._see(stamp_ns, disparity, places)
+        grid = self._site.grid(stamp_ns)
+        believed = self._site.believed_grid(grid, stamp_ns) if grid is not None and goals else None
+        searching = self._turns.next(goals)
+        routes = {
+            robot: self._route(robot, goal, stamp_ns, places.get(robot), state, believed, has_turn=robot in searching)
+            for robot, goal in goals.items()
+        }
+        return NavigatorTick(routes, places, grid, state, standing[0] if standing else None)
+
+    def learn(self) -> None:
+        """Calibrate with the sightings of the pictures so far, and place the map in what the camera is known to be.
+
+        The map's frame may change: what was said of it with :meth:`step` must be used before, and nothing beside.
+        """
+        untaught, self._untaught = self._untaught, []
+        self._calibrator.observe(*untaught)
+        state = self._calibrator.state
+        reframed = self._site.recalibrate(state) if state.camera is not None else None
+        if reframed is not None:
+            self._reframe(reframed)
+
+    def _sight(self, sighting: RobotSighting) -> bool:
+        """Take a sighting; return whether its robot stands in the picture though it drove."""
+        each = self._robots[sighting.robot]
+        each.sighting = sighting
+        travel = each.track.at(sighting.stamp_ns)
+        if travel is None:
+            return False
+        each.note_driven(travel.odom_from_robot, learning=not self._calibrator.state.leads)
+        each.seen = travel
+        drive = each.track.drive
+        frame = Keyframe(sighting.pixel, sighting.heading, sighting.corners, travel, each.shape.mount, drive)
+        if self._calibrator.floor_from_robot(travel, drive) is None:  # without it the robot is nowhere
+            self._calibrator.observe(frame)
+        else:
+            self._untaught.append(frame)
+        return each.tag.note(sighting, travel.odom_from_robot, drive)
+
+    def _places(self, stamp_ns: int) -> dict[str, Pose2]:
+        found = {}
+        for name, each in self._robots.items():
+            travel = each.track.at(stamp_ns)
+            place = self._calibrator.floor_from_robot(travel, each.track.drive) if travel is not None else None
+            if place is not None:
+                found[name] = place
+        return found
+
+    def _reframe(self, reframed: Reframed) -> None:
+        """Place scans and ways again in the frame of the new calibration: ways where the picture shows them."""
+        for each in self._robots.values():
+            each.planner.carry(reframed.carry)
+            for past in each.trail.all():
+                place = self._calibrator.floor_from_robot(past.travel, past.drive)
+                if place is not None:
+                    self._site.hear_scan(past.scan, place, times=past.times)
+
+    def _see(self, stamp_ns: int, disparity: Image32, places: Mapping[str, Pose2]) -> None:
+        bodies = tuple(self._robots[name].shape.body(place) for name, place in places.items())
+        unplaced = [each.sighting for name, each in self._robots.items() if each.sighting and name not in places]
+        self._site.see(stamp_ns, disparity, bodies, unplaced)
+
+    def _route(
+        self,
+        robot: str,
+        goal: GoalPixel,
+        stamp_ns: int,
+        place: Pose2 | None,
+        state: CalibrationState,
+        grid: FloorGrid | None,
+        *,
+        has_turn: bool,
+    ) -> MapRoute:
+        each = self._robots[robot]
+        if each.sighting is None:
+            return MapRoute(None, None, "the camera has not seen the robot yet")
+        travel = each.track.at(stamp_ns)
+        if travel is None:
+            return MapRoute(None, None, "the server hears no odometry of the robot")
+        pixel = np.asarray(goal.normalised) * np.array(self._site.size_px) - 0.5
+        if state.camera is None or place is None or not state.leads:
+            return self._first_steps(each, pixel, stamp_ns, state)
+        if grid is None and state.status == "learning":
+            return self._first_steps(each, pixel, stamp_ns, state)
+        if grid is None:
+            return MapRoute(None, None, self._site.reason)
+        goal_m, valid = state.camera.on_plane(pixel)
+        if not valid:
+            return MapRoute(None, None, "the goal is above the horizon")
+        hidden_m = each.hidden_m(travel)
+        target_m = each.search.target_m(goal.id, goal_m, np.array(place[:2]), hidden_m=hidden_m, stamp_ns=stamp_ns)
+        if target_m is None:
+            return MapRoute(None, None, "the camera sees the robot nowhere near its goal", goal_m)
+        plan = each.planner.plan(grid, place, target_m, goal_id=goal.id, stamp_ns=stamp_ns, has_turn=has_turn)
+        reason = plan.reason or self._site.reason
+        if each.search.searching:
+            reason = _SEARCHING
+        elif not grid.covers(np.array(place[:2])):
+            reason = _BEYOND
+        arrived = hidden_m <= TRUSTED_M and math.hypot(*(goal_m - place[:2])) <= _ARRIVED_M
+        return MapRoute(plan.waypoints_m, plan.way_m, reason, goal_m, arrived, target_m)
+
+    def _first_steps(self, each: _Robot, pixel: FloatArray, stamp_ns: int, state: CalibrationState) -> MapRoute:
+        assert each.sighting is not None
+        back = self._back(each, stamp_ns) if stamp_ns != each.sighting.stamp_ns else None
+        if back is not None:
+            return back
+        bearing = _bearing_rad(each.sighting, pixel, each.shape.mount.size_m)
+        scan = each.scan.points_m() if each.scan is not None else None
+        steps = first_steps(scan, bearing, each.driven, self._steps)
+        reason = steps.reason or f"learning the camera: {state.progress:.0%}"
+        return MapRoute(steps.waypoints_m, None, reason)
+
+    def _back(self, each: _Robot, stamp_ns: int) -> MapRoute | None:
+        """Lead a robot that left the camera's sight too early back the way it came; None if it hardly moved since."""
+        travel = each.track.at(stamp_ns)
+        if travel is None or not each.driven:
+            return None
+        odom_from_robot = travel.odom_from_robot
+        apart = [math.hypot(*np.subtract(pose[:2], odom_from_robot[:2])) for pose in each.driven]
+        seen = next((i for i in range(len(apart) - 1, -1, -1) if apart[i] >= _BACK_M), 0)
+        if apart[seen] < _BACK_LEAST_M:
+            return None
+        back = odom_from_robot.inverse() @ each.driven[seen]
+        shares = np.arange(1.0, self._steps.waypoints + 1.0)[:, None] / self._steps.waypoints
+        waypoints = shares * np.array([back.x_m, back.y_m])
+        return MapRoute(waypoints, None, "back to where the camera saw the robot: it is not calibrated yet")
+
+
+def _bearing_rad(sighting: RobotSighting, pixel: FloatArray, tag_m: float) -> float:
+    """Return about where a pixel lies from a robot's heading, left positive, by its tag alone."""
+    places, valid = TagPlane(sighting, tag_size_m=tag_m).locate(pixel[None])
+    if valid[0]:
+        return math.atan2(places[0, 1], places[0, 0])
+    ahead, aside = sighting.heading, pixel - sighting.pixel
+    return -math.atan2(ahead[0] * aside[1] - ahead[1] * aside[0], float(ahead @ aside))  # v points down
