@@ -9,7 +9,8 @@ The tree::
     │   └── FileError      a file is malformed: world, bundle, episode, checkpoint
     └── LinkError          the other end cannot be reached
 
-Packages above add leaves where the caller needs to tell cases apart, such as ``revnm_sim.expert.UnreachableError``.
+Packages above add leaves where the caller needs to tell cases apart, such as
+``revnm_sim.expert.planner.UnreachableError``.
 """
 
 

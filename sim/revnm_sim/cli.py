@@ -24,14 +24,14 @@ _DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 _DEFAULT_ROBOT, _DEFAULT_CAMERA = "rover", "cam0"
 _MEASURES = {
     "bench": ("methods against each other in closed loop", "bench.command"),
-    "world": ("draw a world, or check it against measurements", "world_command"),
-    "lift": ("measure the map that the server makes of the camera's depth", "lift_command"),
-    "raycast": ("measure how fast exact depth images are made", "raycast_command"),
-    "tags": ("measure how small a tag is found, how exactly, and what is taken for one", "tag_command"),
-    "calibration": ("measure how well a camera calibrates itself", "calibration_command"),
-    "viewers": ("measure what many who look at the page cost the server", "viewers_command"),
+    "world": ("draw a world, or check it against measurements", "measures.world_command"),
+    "lift": ("measure the map that the server makes of the camera's depth", "measures.lift_command"),
+    "raycast": ("measure how fast exact depth images are made", "measures.raycast_command"),
+    "tags": ("measure how small a tag is found, how exactly, and what is taken for one", "measures.tag_command"),
+    "calibration": ("measure how well a camera calibrates itself", "measures.calibration_command"),
+    "viewers": ("measure what many who look at the page cost the server", "measures.viewers_command"),
     "soak": ("measure what half an hour of random goals and faults does to the system", "soak.command"),
-    "camera": ("measure how the server's camera reader bears faults", "camera_command"),
+    "camera": ("measure how the server's camera reader bears faults", "measures.camera_command"),
 }
 
 
@@ -103,8 +103,8 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     from revnm_client.link import open_client
-    from revnm_sim.live import LiveSettings, LiveSimulator
-    from revnm_sim.rtsp_server import RtspServer
+    from revnm_sim.live.rtsp_server import RtspServer
+    from revnm_sim.live.simulator import LiveSettings, LiveSimulator
     from revnm_sim.scenario import demo_scenario
     from revnm_sim.simulation import Simulation
 
@@ -159,7 +159,7 @@ def _camera(arguments: argparse.Namespace, credentials: Credentials | None) -> s
 
 
 def _demo(arguments: argparse.Namespace) -> int:
-    from revnm_sim.demo import DemoSettings, run_demo
+    from revnm_sim.live.demo import DemoSettings, run_demo
 
     settings = DemoSettings(arguments.seed, arguments.headless, arguments.timeout, arguments.http, arguments.planner)
     return run_demo(settings, _stop_on_signals(), lambda line: print(line, flush=True))

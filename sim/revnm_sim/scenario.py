@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from revnm_client.errors import ContractError
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_sim.camera import Camera
-from revnm_sim.expert import INSCRIBED_M, CostToGo, Expert
-from revnm_sim.generator import demo_room
+from revnm_sim.expert.planner import INSCRIBED_M, CostToGo, Expert
+from revnm_sim.generation.generator import demo_room
 from revnm_sim.occupancy import OccupancyGrid
-from revnm_sim.raycast import visible
+from revnm_sim.rays.raycast import visible
 from revnm_sim.robot import RobotSpec
 from revnm_sim.site import GOAL_RADIUS_M, Pair
 from revnm_sim.world import PrimitiveArrays, World, primitive_arrays

@@ -13,7 +13,7 @@ import numpy as np
 
 from revnm_client.geometry import Pose2, wrap_angle
 from revnm_client.messages import Odometry, Scan, Velocity
-from revnm_sim.raycast import cast_scan
+from revnm_sim.rays.raycast import cast_scan
 from revnm_sim.world import PrimitiveArrays
 
 

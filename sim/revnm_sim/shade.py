@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from revnm_client.geometry import FloatArray
 from revnm_server.observation import Image32
 from revnm_sim.camera import Camera
-from revnm_sim.raycast import cast_ids, ray_grid
+from revnm_sim.rays.raycast import cast_ids, ray_grid
 from revnm_sim.shade_kernels import CHECKER, NOISE, PLAIN, PLANKS, STRIPES, Seen, Surfaces, shade_cells
 from revnm_sim.world import Bounds, Primitive, PrimitiveArrays, Shape, World, primitive_arrays
 

@@ -10,9 +10,9 @@ import numpy as np
 from revnm_client.geometry import Pose2
 from revnm_server.yaml_document import Place
 from revnm_sim.camera import Camera
-from revnm_sim.expert import Expert
-from revnm_sim.placement import distances_m
-from revnm_sim.raycast import visible
+from revnm_sim.expert.planner import Expert
+from revnm_sim.generation.placement import distances_m
+from revnm_sim.rays.raycast import visible
 from revnm_sim.robot import RobotSpec
 from revnm_sim.scenario import tag_seen
 from revnm_sim.site import Pair, Site

@@ -16,7 +16,7 @@ from scipy.ndimage import label
 
 from revnm_client.errors import FileError
 from revnm_client.geometry import FloatArray
-from revnm_sim.expert import INSCRIBED_M
+from revnm_sim.expert.planner import INSCRIBED_M
 from revnm_sim.occupancy import OccupancyGrid, occupancy
 from revnm_sim.world import Bounds, Primitive, Shape, World
 

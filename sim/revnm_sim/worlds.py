@@ -8,11 +8,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 from revnm_client.errors import ConfigError
-from revnm_sim.aisles import aisles
-from revnm_sim.generator import demo_room, random_pillar
-from revnm_sim.rooms import rooms
+from revnm_sim.generation.aisles import aisles
+from revnm_sim.generation.generator import demo_room, random_pillar
+from revnm_sim.generation.rooms import rooms
+from revnm_sim.generation.slits import slits
 from revnm_sim.site import Site
-from revnm_sim.slits import slits
 from revnm_sim.world import World
 from revnm_sim.world_file import load_site
 

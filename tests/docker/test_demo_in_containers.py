@@ -13,8 +13,8 @@ import pytest
 from tests.server.waiting import eventually
 
 from revnm_client.errors import LinkError
+from revnm_sim.live.server_api import ServerApi
 from revnm_sim.scenario import demo_scenario
-from revnm_sim.server_api import ServerApi
 
 from .podman import need_images, podman, run
 

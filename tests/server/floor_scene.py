@@ -11,7 +11,7 @@ from revnm_server.floor_camera import FloorCamera
 from revnm_server.mapping.floor_view import FloorView, floor_view
 from revnm_server.observation import Image32
 from revnm_sim.camera import Camera
-from revnm_sim.raycast import cast_depth, disparity_from_depth
+from revnm_sim.rays.raycast import cast_depth, disparity_from_depth
 from revnm_sim.world import Primitive, Shape, primitive_arrays
 
 HW = (96, 128)

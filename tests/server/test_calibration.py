@@ -9,8 +9,8 @@ from revnm_client.geometry import Pose2
 from revnm_server.calibration.calibrator import Calibrator
 from revnm_server.calibration.keyframes import DRIVES_OF_A_ROBOT, Keyframe, Travel
 from revnm_server.floor_camera import FloorCamera
-from revnm_sim.calibration_command import measure
-from revnm_sim.calibration_course import MOUNT, SIZE_PX, Learner, Moment, drive, random_camera
+from revnm_sim.measures.calibration_command import measure
+from revnm_sim.measures.calibration_course import MOUNT, SIZE_PX, Learner, Moment, drive, random_camera
 
 
 def test_half_a_metre_with_corners_is_enough():

@@ -22,7 +22,7 @@ from revnm_server.camera import CameraState, open_camera
 from revnm_server.camera.jpeg import decode_jpeg, encode_jpeg, jpeg_size
 from revnm_server.camera.pyav_reader import PyavReader
 from revnm_server.camera.url import FileCamera, NetworkCamera, parse_camera_url, redact
-from revnm_sim.rtsp_server import Fault, RtspServer, filming
+from revnm_sim.live.rtsp_server import Fault, RtspServer, filming
 
 from .waiting import eventually
 

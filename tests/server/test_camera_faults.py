@@ -26,8 +26,8 @@ from revnm_server.camera.stream import StreamSource, explain
 from revnm_server.camera.url import DeviceCamera, FileCamera, NetworkCamera, parse_camera_url
 from revnm_server.settings import Settings, load_settings
 from revnm_server.settings.camera import CameraSettings
-from revnm_sim.h264_rtp import H264Encoder
-from revnm_sim.rtsp_server import Fault, RtspServer, filming
+from revnm_sim.live.h264_rtp import H264Encoder
+from revnm_sim.live.rtsp_server import Fault, RtspServer, filming
 
 from .waiting import eventually
 

@@ -13,7 +13,7 @@ from revnm_server.mapping.floor_map import FloorMapper
 from revnm_server.mapping.floor_view import floor_view
 from revnm_server.mapping.lift import FloorLifter, Lifted
 from revnm_sim.camera import Camera
-from revnm_sim.raycast import cast_depth, disparity_from_depth, ego_camera
+from revnm_sim.rays.raycast import cast_depth, disparity_from_depth, ego_camera
 from revnm_sim.world import Primitive, Shape, primitive_arrays
 from revnm_training.preset import load_preset
 

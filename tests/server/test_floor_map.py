@@ -14,7 +14,7 @@ from revnm_server.mapping.floor_grid import FloorGrid
 from revnm_server.mapping.floor_map import Body, FloorMapper, MapSpec
 from revnm_server.mapping.lift import FloorLifter, Lifted
 from revnm_server.mapping.robot_mask import robot_mask
-from revnm_sim.raycast import cast_ids, robot_primitive
+from revnm_sim.rays.raycast import cast_ids, robot_primitive
 from revnm_sim.robot import RobotSpec
 from revnm_sim.world import primitive_arrays
 

@@ -18,7 +18,7 @@ from revnm_server.camera.url import NetworkCamera, parse_camera_url
 from revnm_server.robots.mission import Mission
 from revnm_server.service import NavigationService
 from revnm_server.tick.site_report import SiteReport
-from revnm_sim.rtsp_server import RtspServer, filming
+from revnm_sim.live.rtsp_server import RtspServer, filming
 
 from .service_parts import FakePipeline, RobotEnd
 from .waiting import eventually

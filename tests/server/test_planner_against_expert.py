@@ -10,7 +10,7 @@ import pytest
 from revnm_client.geometry import FloatArray
 from revnm_server.planning.map_planner import MapPlanner, PlannerSettings
 from revnm_server.planning.way import length_m
-from revnm_sim.expert import Expert, travel_cost
+from revnm_sim.expert.planner import Expert, travel_cost
 from revnm_sim.occupancy import occupancy
 from revnm_sim.scenario import sample_pair
 from revnm_sim.worlds import named_site

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from revnm_client.link import open_client
 from revnm_server.app import running_server
 from revnm_server.settings import load_settings
-from revnm_sim.rtsp_server import Fault, RtspServer, filming
+from revnm_sim.live.rtsp_server import Fault, RtspServer, filming
 
 from .free_port import free_port
 from .service_parts import RobotEnd

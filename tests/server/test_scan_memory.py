@@ -13,7 +13,7 @@ from revnm_client.messages import Scan
 from revnm_server.mapping.floor_grid import FloorGrid
 from revnm_server.mapping.floor_map import MapSpec
 from revnm_server.mapping.scan_memory import ScanMemory
-from revnm_sim.raycast import cast_scan
+from revnm_sim.rays.raycast import cast_scan
 from revnm_sim.world import primitive_arrays
 
 from .floor_scene import box, wall

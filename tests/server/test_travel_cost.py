@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from revnm_server.planning.travel_cost import CostSettings, travel_cost
-from revnm_sim.expert import travel_cost as expert_cost
+from revnm_sim.expert.planner import travel_cost as expert_cost
 
 from .floor_scenes import floor, unseen
 

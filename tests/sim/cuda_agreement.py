@@ -9,8 +9,8 @@ import numpy as np
 from revnm_client.geometry import Pose2
 from revnm_server.observation import ObservationSpec
 from revnm_sim.camera import Camera
-from revnm_sim.cuda_raycast import cast_depths_cuda
-from revnm_sim.raycast import cast_depths, ego_camera
+from revnm_sim.rays.cuda_raycast import cast_depths_cuda
+from revnm_sim.rays.raycast import cast_depths, ego_camera
 from revnm_sim.world import Primitive, Shape, primitive_arrays
 from revnm_sim.worlds import generated_world
 

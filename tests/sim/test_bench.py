@@ -22,7 +22,7 @@ from revnm_sim.bench.report import table
 from revnm_sim.bench.trial import Trial, TrialKey, TrialResult, run_trial
 from revnm_sim.camera import Camera
 from revnm_sim.cli import main
-from revnm_sim.route import plan_route
+from revnm_sim.expert.route import plan_route
 from revnm_sim.scenario import Scenario
 from revnm_sim.simulation import Simulation
 from revnm_sim.site import GOAL_RADIUS_M, Pair

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from revnm_sim.burnt_time import burn_time, read_age_ms
-from revnm_sim.camera_trial import BREAKAGES, Scene, sample_ages_ms, time_4k, time_fault, watched
 from revnm_sim.cli import main
-from revnm_sim.rtsp_server import RtspServer
+from revnm_sim.live.rtsp_server import RtspServer
+from revnm_sim.measures.camera_trial import BREAKAGES, Scene, sample_ages_ms, time_4k, time_fault, watched
 
 
 @pytest.mark.parametrize("time_ms", [0, 1, 123_456_789, (1 << 32) - 1, (1 << 40) + 5])

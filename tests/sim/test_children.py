@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from revnm_sim.children import ChildError, Children
+from revnm_sim.live.children import ChildError, Children
 
 PROGRAMS = {
     "patient": "import threading\n\ndef main():\n    print('patient', flush=True)\n    threading.Event().wait(60)\n",

@@ -27,9 +27,9 @@ from revnm_sim.bench.suites.controller import (
 from revnm_sim.bench.suites.courses import SLIT_M, Course, draw_course
 from revnm_sim.bench.suites.walker import Walk, Walker
 from revnm_sim.cli import main
-from revnm_sim.expert import Expert
+from revnm_sim.expert.planner import Expert
 from revnm_sim.occupancy import occupancy
-from revnm_sim.raycast import cast_scan
+from revnm_sim.rays.raycast import cast_scan
 from revnm_sim.scenario import segment_blocked
 from revnm_sim.world import primitive_arrays
 

@@ -11,7 +11,7 @@ import pytest
 from numba import cuda
 
 from revnm_client.errors import ConfigError
-from revnm_sim.cuda_raycast import cast_depths_cuda
+from revnm_sim.rays.cuda_raycast import cast_depths_cuda
 from revnm_sim.world import primitive_arrays
 
 from .cuda_agreement import FAMILIES, SPEC, differing_share

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from revnm_client.geometry import Pose2
-from revnm_sim.expert import INSCRIBED_M, Expert, UnreachableError, travel_cost
-from revnm_sim.generator import random_pillar
+from revnm_sim.expert.planner import INSCRIBED_M, Expert, UnreachableError, travel_cost
+from revnm_sim.generation.generator import random_pillar
 from revnm_sim.world import Bounds, Primitive, Shape, World
 
 GREY = (128, 128, 128)

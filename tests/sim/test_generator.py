@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from revnm_client.errors import ConfigError
-from revnm_sim.aisles import aisles
-from revnm_sim.expert import Expert
-from revnm_sim.generator import TRAINING_SEED_BASE, demo_room, is_training_seed, random_pillar
-from revnm_sim.placement import sample_camera
-from revnm_sim.rooms import rooms
+from revnm_sim.expert.planner import Expert
+from revnm_sim.generation.aisles import aisles
+from revnm_sim.generation.generator import TRAINING_SEED_BASE, demo_room, is_training_seed, random_pillar
+from revnm_sim.generation.placement import sample_camera
+from revnm_sim.generation.rooms import rooms
 from revnm_sim.scenario import sample_pair
 from revnm_sim.world import Shape, World
 

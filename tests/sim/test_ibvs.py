@@ -18,9 +18,9 @@ from revnm_sim.bench.methods.ibvs import by_image_angles, free_by_pixels, goal_p
 from revnm_sim.bench.row_scale import RowScale, free_by_metres
 from revnm_sim.bench.trial import Trial, TrialKey, TrialResult
 from revnm_sim.camera import Camera
-from revnm_sim.expert import Expert
+from revnm_sim.expert.planner import Expert
+from revnm_sim.expert.route import plan_route
 from revnm_sim.robot import RobotSpec, see_robot
-from revnm_sim.route import plan_route
 from revnm_sim.scenario import Scenario, tag_seen
 from revnm_sim.simulation import Simulation
 from revnm_sim.site import Pair

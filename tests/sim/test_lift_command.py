@@ -17,11 +17,11 @@ from revnm_server.mapping.map_window import WindowSpec
 from revnm_sim.bench.protocol import draw_setting
 from revnm_sim.camera import Camera
 from revnm_sim.cli import main
-from revnm_sim.lift_faults import CALIBRATIONS, DEPTHS
-from revnm_sim.lift_trial import HW
-from revnm_sim.lift_truth import exact_calibration, score, true_window
+from revnm_sim.measures.lift_faults import CALIBRATIONS, DEPTHS
+from revnm_sim.measures.lift_trial import HW
+from revnm_sim.measures.lift_truth import exact_calibration, score, true_window
 from revnm_sim.occupancy import occupancy
-from revnm_sim.raycast import cast_depth, disparity_from_depth
+from revnm_sim.rays.raycast import cast_depth, disparity_from_depth
 from revnm_sim.world import Bounds, Primitive, Shape, World, primitive_arrays
 
 SPEC = WindowSpec()

@@ -17,10 +17,10 @@ from revnm_client.geometry import Pose2
 from revnm_client.link import Inbox, LatestSubscriber, open_client, open_router
 from revnm_client.messages import Odometry, Velocity
 from revnm_sim.camera import Camera
-from revnm_sim.live import LiveSettings, LiveSimulator
+from revnm_sim.live.simulator import LiveSettings, LiveSimulator
+from revnm_sim.live.truth import decode_truth, truth_key
 from revnm_sim.scenario import Scenario
 from revnm_sim.simulation import Simulation
-from revnm_sim.truth import decode_truth, truth_key
 from revnm_sim.world import Bounds, Primitive, Shape, World
 
 WALL = Primitive(Shape.BOX, (4.0, 0.0, 0.5), (0.4, 6.0, 1.0), 0.0, (200, 60, 60))

@@ -9,8 +9,8 @@ import pytest
 
 from revnm_client.errors import ContractError
 from revnm_sim.camera import Camera
-from revnm_sim.placement import sample_camera
-from revnm_sim.raycast import visible
+from revnm_sim.generation.placement import sample_camera
+from revnm_sim.rays.raycast import visible
 from revnm_sim.world import Bounds, Primitive, Shape, World, primitive_arrays
 
 SIDE_M = 10.0

@@ -18,8 +18,8 @@ from revnm_sim.bench.protocol import (
     parse_protocol,
     trial_seed,
 )
-from revnm_sim.generator import TRAINING_SEED_BASE
-from revnm_sim.raycast import visible
+from revnm_sim.generation.generator import TRAINING_SEED_BASE
+from revnm_sim.rays.raycast import visible
 from revnm_sim.robot import RobotSpec
 from revnm_sim.world import primitive_arrays
 from revnm_sim.worlds import named_site

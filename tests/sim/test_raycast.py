@@ -12,7 +12,7 @@ import pytest
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_server.observation import ObservationSpec
 from revnm_sim.camera import Camera
-from revnm_sim.raycast import (
+from revnm_sim.rays.raycast import (
     FLOOR,
     SKY,
     cast_depth,

@@ -12,7 +12,7 @@ from revnm_client.geometry import Pose2
 from revnm_server.frame import Frame
 from revnm_server.tag import TagDetector
 from revnm_sim.camera import Camera
-from revnm_sim.raycast import cast_ids
+from revnm_sim.rays.raycast import cast_ids
 from revnm_sim.render import CameraRenderer
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.software_renderer import Region, enlarged, region_projection, view_matrix

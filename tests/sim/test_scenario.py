@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from revnm_sim.expert import Expert
-from revnm_sim.generator import TRAINING_SEED_BASE, random_pillar
-from revnm_sim.placement import sample_camera
-from revnm_sim.raycast import visible
+from revnm_sim.expert.planner import Expert
+from revnm_sim.generation.generator import TRAINING_SEED_BASE, random_pillar
+from revnm_sim.generation.placement import sample_camera
+from revnm_sim.rays.raycast import visible
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.scenario import (
     Scenario,

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from revnm_sim.expert import Expert
-from revnm_sim.placement import sample_camera
-from revnm_sim.raycast import visible
+from revnm_sim.expert.planner import Expert
+from revnm_sim.generation.placement import sample_camera
+from revnm_sim.rays.raycast import visible
 from revnm_sim.scenario import sample_pair
 from revnm_sim.site import Site
 from revnm_sim.world import primitive_arrays

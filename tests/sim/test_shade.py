@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from revnm_client.geometry import Pose2
 from revnm_sim.camera import Camera
-from revnm_sim.raycast import cast_ids, ray_grid, robot_primitive
+from revnm_sim.rays.raycast import cast_ids, ray_grid, robot_primitive
 from revnm_sim.robot import RobotSpec
 from revnm_sim.shade import shade
 from revnm_sim.shade_kernels import CHECKER, PLAIN, Seen, Surfaces, shade_cells

@@ -14,8 +14,8 @@ from tests.server.free_port import free_port
 
 from revnm_client.errors import LinkError
 from revnm_sim.cli import main
-from revnm_sim.server_api import ServerApi
-from revnm_sim.summary import DriveSummary, format_summary
+from revnm_sim.live.server_api import ServerApi
+from revnm_sim.live.summary import DriveSummary, format_summary
 
 
 @pytest.mark.parametrize(

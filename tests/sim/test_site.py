@@ -12,7 +12,7 @@ import pytest
 
 from revnm_client.errors import ConfigError, FileError
 from revnm_client.geometry import Pose2
-from revnm_sim.generator import random_pillar
+from revnm_sim.generation.generator import random_pillar
 from revnm_sim.robot import RobotSpec
 from revnm_sim.site import Pair
 from revnm_sim.site_checks import robot_touches

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import label
 
-from revnm_sim.expert import INSCRIBED_M
+from revnm_sim.expert.planner import INSCRIBED_M
+from revnm_sim.generation.rooms import wall_with_openings
+from revnm_sim.generation.slits import slits
 from revnm_sim.occupancy import occupancy
-from revnm_sim.rooms import wall_with_openings
-from revnm_sim.slits import slits
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -11,9 +11,9 @@ import pytest
 from revnm_client.errors import ContractError
 from revnm_client.geometry import Pose2
 from revnm_sim.camera import Camera
-from revnm_sim.expert import INSCRIBED_M
-from revnm_sim.placement import distances_m
-from revnm_sim.raycast import visible
+from revnm_sim.expert.planner import INSCRIBED_M
+from revnm_sim.generation.placement import distances_m
+from revnm_sim.rays.raycast import visible
 from revnm_sim.scenario import Scenario, tag_points
 from revnm_sim.soak.goals import GoalDraw
 from revnm_sim.world import Bounds, Primitive, Shape, World, primitive_arrays

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tests.sim.test_soak_goals import SCENARIO
 
-from revnm_sim.server_api import ServerApi
+from revnm_sim.live.server_api import ServerApi
 from revnm_sim.soak.goals import GoalDraw
 from revnm_sim.soak.operator import Operator
 

@@ -7,9 +7,9 @@ import numpy as np
 from revnm_server.tag import open_tag_library
 from revnm_server.tag.library import whole_picture
 from revnm_sim.cli import main
-from revnm_sim.tag_bench import detection_rows
+from revnm_sim.measures.tag_bench import detection_rows
+from revnm_sim.measures.tag_scene import DIFFICULTIES, Difficulty, tag_scene
 from revnm_sim.tag_picture import TagPicture
-from revnm_sim.tag_scene import DIFFICULTIES, Difficulty, tag_scene
 
 CLEAR = Difficulty(max_tilt_deg=45.0, blur_px=0.4, noise=1.0, ink=20.0, paper=230.0)
 

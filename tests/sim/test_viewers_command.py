@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from revnm_sim.cli import main
-from revnm_sim.server_api import ServerApi
+from revnm_sim.live.server_api import ServerApi
 
 STATE = json.dumps({"timings_ms": {"tick": {"p50": 20.0, "p95": 30.0}}}).encode()
 

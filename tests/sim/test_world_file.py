@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from revnm_client.errors import FileError
-from revnm_sim.generator import random_pillar
+from revnm_sim.generation.generator import random_pillar
 from revnm_sim.world import Shape, primitive_arrays
 from revnm_sim.world_file import load_site, save_world
 

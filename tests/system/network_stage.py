@@ -15,8 +15,8 @@ from pathlib import Path
 from tests.server.free_port import free_port
 
 from revnm_client.link import open_client
-from revnm_sim.live import LiveSettings, LiveSimulator
-from revnm_sim.rtsp_server import RtspServer
+from revnm_sim.live.rtsp_server import RtspServer
+from revnm_sim.live.simulator import LiveSettings, LiveSimulator
 from revnm_sim.simulation import Simulation
 
 from .emulated_link import LinkCondition

@@ -15,7 +15,7 @@ from pathlib import Path
 from tests.server.free_port import free_port
 
 from revnm_client.link import open_client
-from revnm_sim.live import LiveSettings, LiveSimulator
+from revnm_sim.live.simulator import LiveSettings, LiveSimulator
 from revnm_sim.simulation import Simulation
 
 from .hall import CAMERA, ROBOT, SCENARIO

@@ -9,8 +9,8 @@ import pytest
 
 from revnm_client.errors import FileError
 from revnm_sim.bench.trial import CONTROL_S
-from revnm_sim.expert import INSCRIBED_M, Expert
-from revnm_sim.generator import TRAINING_SEED_BASE
+from revnm_sim.expert.planner import INSCRIBED_M, Expert
+from revnm_sim.generation.generator import TRAINING_SEED_BASE
 from revnm_sim.world import Bounds, Primitive, Shape, World
 from revnm_training import rollouts
 from revnm_training.episodes import EpisodeLayout, StateKind, read_episodes

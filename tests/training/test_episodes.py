@@ -12,9 +12,9 @@ from distributed import LocalCluster
 from revnm_client.errors import ConfigError, ContractError, FileError
 from revnm_client.geometry import Pose2
 from revnm_sim.engine import Engine
-from revnm_sim.expert import INSCRIBED_M, Expert
-from revnm_sim.generator import TRAINING_SEED_BASE
-from revnm_sim.raycast import visible
+from revnm_sim.expert.planner import INSCRIBED_M, Expert
+from revnm_sim.generation.generator import TRAINING_SEED_BASE
+from revnm_sim.rays.raycast import visible
 from revnm_sim.world import primitive_arrays
 from revnm_training import synth
 from revnm_training.episodes import EpisodeLayout, StateKind, read_episodes, read_layout, write_episodes

@@ -10,7 +10,7 @@ import pytest
 
 from revnm_client.geometry import Pose2
 from revnm_server.mapping.map_window import LAYERS, WindowSpec, window_points_m
-from revnm_sim.expert import Expert
+from revnm_sim.expert.planner import Expert
 from revnm_training.episodes import layout_of, write_episodes
 from revnm_training.map_cache import UNREACHED, render_map_samples
 from revnm_training.map_samples import MapEpisodeRenderer

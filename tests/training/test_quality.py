@@ -13,9 +13,9 @@ from tests.server.tiny_bundle import write_tiny_bundle
 from revnm_client.errors import FileError
 from revnm_client.geometry import Pose2
 from revnm_server.networks.bundle import load_bundle
-from revnm_sim.generator import is_training_seed, random_pillar
+from revnm_sim.generation.generator import is_training_seed, random_pillar
 from revnm_sim.occupancy import occupancy
-from revnm_sim.raycast import cast_depth, cast_scan, ego_camera
+from revnm_sim.rays.raycast import cast_depth, cast_scan, ego_camera
 from revnm_sim.world import primitive_arrays
 from revnm_training.cli import main
 from revnm_training.depth_metrics import depth_errors

@@ -15,7 +15,7 @@ from revnm_server.robots.mission import Goal
 from revnm_server.tick.pipeline import Pipeline
 from revnm_sim.bench.methods.truth import TrueDisparity, TrueSightings
 from revnm_sim.engine import Engine
-from revnm_sim.raycast import cast_depth, robot_primitive
+from revnm_sim.rays.raycast import cast_depth, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.scenario import Scenario
 from revnm_sim.simulation import Simulation

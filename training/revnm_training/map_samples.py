@@ -27,10 +27,10 @@ from revnm_server.observation import (
     normalise_pixel,
 )
 from revnm_server.planning.travel_cost import CostSettings, travel_cost
-from revnm_sim.expert import CostToGo, Expert
+from revnm_sim.expert.planner import CostToGo, Expert
+from revnm_sim.expert.potential import march, waypoints_of
 from revnm_sim.occupancy import OccupancyGrid
-from revnm_sim.potential import march, waypoints_of
-from revnm_sim.raycast import cast_depths, ego_camera
+from revnm_sim.rays.raycast import cast_depths, ego_camera
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.world import primitive_arrays
 from revnm_training.episodes import Episode

@@ -24,9 +24,9 @@ from revnm_server.mapping.lift import FloorLifter, Lifted, NoFloor
 from revnm_server.mapping.scan_memory import ScanMemory
 from revnm_server.observation import Image32
 from revnm_sim.camera import Camera
-from revnm_sim.lift_faults import DepthFault
-from revnm_sim.lift_truth import exact_calibration
-from revnm_sim.raycast import cast_depth, disparity_from_depth
+from revnm_sim.measures.lift_faults import DepthFault
+from revnm_sim.measures.lift_truth import exact_calibration
+from revnm_sim.rays.raycast import cast_depth, disparity_from_depth
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.sensors import Lidar, LidarSpec
 from revnm_sim.shade import shade

@@ -17,9 +17,9 @@ from revnm_client.errors import ContractError
 from revnm_client.geometry import Pose2
 from revnm_server.observation import Image32
 from revnm_sim.camera import Camera
-from revnm_sim.generator import TRAINING_SEED_BASE
+from revnm_sim.generation.generator import TRAINING_SEED_BASE
 from revnm_sim.occupancy import OccupancyGrid, occupancy
-from revnm_sim.raycast import cast_depth, disparity_from_depth, robot_primitive
+from revnm_sim.rays.raycast import cast_depth, disparity_from_depth, robot_primitive
 from revnm_sim.robot import RobotSpec
 from revnm_sim.shade import shade
 from revnm_sim.world import Primitive, Shape, World, primitive_arrays

@@ -7,7 +7,7 @@ from typing import Literal
 
 from revnm_server.observation import Image32
 from revnm_sim.camera import Camera
-from revnm_sim.raycast import cast_depths
+from revnm_sim.rays.raycast import cast_depths
 from revnm_sim.world import PrimitiveArrays
 
 RenderDevice = Literal["cpu", "cuda"]
@@ -23,6 +23,6 @@ def depth_caster(device: RenderDevice) -> DepthCaster:
     """
     if device == "cpu":
         return cast_depths
-    from revnm_sim.cuda_raycast import cast_depths_cuda
+    from revnm_sim.rays.cuda_raycast import cast_depths_cuda
 
     return cast_depths_cuda

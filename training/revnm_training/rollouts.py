@@ -22,9 +22,9 @@ from revnm_sim.bench.methods import Perception
 from revnm_sim.bench.metrics import spl
 from revnm_sim.bench.trial import CONTROL_S, Trial, TrialKey, TrialResult
 from revnm_sim.engine import Engine
-from revnm_sim.expert import Expert, UnreachableError
-from revnm_sim.generator import TRAINING_SEED_BASE
-from revnm_sim.route import Route, plan_route
+from revnm_sim.expert.planner import Expert, UnreachableError
+from revnm_sim.expert.route import Route, plan_route
+from revnm_sim.generation.generator import TRAINING_SEED_BASE
 from revnm_sim.scenario import Scenario, sample_pair
 from revnm_training.episodes import Episode, EpisodeLayout, write_episodes
 from revnm_training.samples import build_world

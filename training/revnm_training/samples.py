@@ -29,7 +29,14 @@ from revnm_server.observation import (
     normalise_pixel,
 )
 from revnm_sim.camera import Camera
-from revnm_sim.raycast import cast_depth, cast_depths, disparity_from_depth, ego_camera, overlay_depth, robot_primitive
+from revnm_sim.rays.raycast import (
+    cast_depth,
+    cast_depths,
+    disparity_from_depth,
+    ego_camera,
+    overlay_depth,
+    robot_primitive,
+)
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.world import World, primitive_arrays
 from revnm_sim.worlds import generated_world, is_generated

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_sim.camera import Camera
-from revnm_sim.expert import INSCRIBED_M, CostToGo
+from revnm_sim.expert.planner import INSCRIBED_M, CostToGo
 from revnm_sim.occupancy import OccupancyGrid
-from revnm_sim.raycast import visible
+from revnm_sim.rays.raycast import visible
 from revnm_sim.robot import RobotSpec
 from revnm_sim.scenario import tag_seen
 from revnm_sim.world import PrimitiveArrays, World, primitive_arrays

@@ -22,9 +22,9 @@ from revnm_client.errors import ConfigError, ContractError
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_sim.camera import Camera
 from revnm_sim.engine import Engine
-from revnm_sim.expert import CostToGo, Expert, UnreachableError
-from revnm_sim.generator import TRAINING_SEED_BASE
-from revnm_sim.placement import sample_camera
+from revnm_sim.expert.planner import CostToGo, Expert, UnreachableError
+from revnm_sim.generation.generator import TRAINING_SEED_BASE
+from revnm_sim.generation.placement import sample_camera
 from revnm_sim.robot import RobotSpec
 from revnm_sim.world import World
 from revnm_training.episodes import Episode, EpisodeLayout, read_layout, write_episodes

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
-from revnm_sim.expert import INSCRIBED_M, CostToGo
+from revnm_sim.expert.planner import INSCRIBED_M, CostToGo
 from revnm_training.episodes import StateKind
 from revnm_training.states import NEAR_M
 

@@ -32,8 +32,8 @@ from revnm_sim.bench.metrics import Results
 from revnm_sim.bench.protocol import Setting, draw_setting
 from revnm_sim.bench.trial import TrialKey
 from revnm_sim.camera import Camera
-from revnm_sim.lift_truth import exact_calibration, world_from_floor
-from revnm_sim.raycast import cast_depth, disparity_from_depth, ego_camera, robot_primitive
+from revnm_sim.measures.lift_truth import exact_calibration, world_from_floor
+from revnm_sim.rays.raycast import cast_depth, disparity_from_depth, ego_camera, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot
 from revnm_sim.scenario import tag_seen
 from revnm_sim.world import primitive_arrays

@@ -1,8 +1,8 @@
 """Planning in the picture of the remote camera: where the floor is, a way over it, and the points of a way.
 
 Pixels are (u, v) of the camera's picture, u right, v down, centres at integers; cells are (row, column) of a coarser
-grid over it. The search is the expert's (:mod:`revnm_sim.potential`): a front that spreads from the goal finds the
-shortest way, as A* does, and is not bound to the grid's eight directions.
+grid over it. The search is the expert's (:mod:`revnm_sim.expert.potential`): a front that spreads from the goal finds
+the shortest way, as A* does, and is not bound to the grid's eight directions.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray
 from revnm_sim.camera import Camera
-from revnm_sim.potential import along, descend, march
-from revnm_sim.raycast import FLOOR, cast_ids
+from revnm_sim.expert.potential import along, descend, march
+from revnm_sim.rays.raycast import FLOOR, cast_ids
 from revnm_sim.world import FLAT_M, World, primitive_arrays
 
 BoolArray = NDArray[np.bool_]

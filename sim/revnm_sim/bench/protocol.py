@@ -18,11 +18,11 @@ import numpy as np
 from revnm_client.errors import ConfigError, ContractError
 from revnm_client.geometry import FloatArray
 from revnm_sim.camera import Camera
-from revnm_sim.expert import Expert, UnreachableError
-from revnm_sim.generator import TRAINING_SEED_BASE
-from revnm_sim.placement import sample_camera
+from revnm_sim.expert.planner import Expert, UnreachableError
+from revnm_sim.expert.route import Route, plan_route
+from revnm_sim.generation.generator import TRAINING_SEED_BASE
+from revnm_sim.generation.placement import sample_camera
 from revnm_sim.robot import RobotSpec
-from revnm_sim.route import Route, plan_route
 from revnm_sim.scenario import Scenario, at_height, sample_pair, tag_points
 from revnm_sim.site import Pair, Site
 from revnm_sim.worlds import named_site

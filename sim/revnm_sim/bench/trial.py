@@ -20,8 +20,8 @@ from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Plan
 from revnm_sim.bench.methods import METHODS, MethodContext, Perception, RobotFeed
 from revnm_sim.bench.protocol import PairRule, draw_setting, trial_seed
-from revnm_sim.raycast import visible
-from revnm_sim.route import Route
+from revnm_sim.expert.route import Route
+from revnm_sim.rays.raycast import visible
 from revnm_sim.scenario import Scenario, at_height
 from revnm_sim.simulation import Simulation
 from revnm_sim.world import primitive_arrays

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from revnm_client.errors import ConfigError, LinkError
 from revnm_sim.bench.report import make_folder, table, write_report
-from revnm_sim.children import ChildError
+from revnm_sim.live.children import ChildError
 from revnm_sim.scenario import demo_scenario
 from revnm_sim.soak.faults import Fault, FaultTiming, faults_of, inflict, shuffled
 from revnm_sim.soak.figures import (

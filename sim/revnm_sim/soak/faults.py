@@ -11,10 +11,10 @@ from functools import partial
 
 import numpy as np
 
-from revnm_sim.camera_trial import BREAKAGES
-from revnm_sim.demo import ROBOT
-from revnm_sim.live import Sensor
-from revnm_sim.rtsp_server import Fault as CameraFault
+from revnm_sim.live.demo import ROBOT
+from revnm_sim.live.rtsp_server import Fault as CameraFault
+from revnm_sim.live.simulator import Sensor
+from revnm_sim.measures.camera_trial import BREAKAGES
 from revnm_sim.soak.motion import last_motion_s
 from revnm_sim.soak.system import System, wait
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from revnm_client.errors import ContractError
 from revnm_client.geometry import FloatArray
-from revnm_sim.expert import INSCRIBED_M, CostToGo, Expert
-from revnm_sim.raycast import visible
+from revnm_sim.expert.planner import INSCRIBED_M, CostToGo, Expert
+from revnm_sim.rays.raycast import visible
 from revnm_sim.scenario import Scenario, at_height, free_places, tag_seen
 from revnm_sim.world import primitive_arrays
 

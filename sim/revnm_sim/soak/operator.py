@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from revnm_client.errors import LinkError
-from revnm_sim.demo import ROBOT
-from revnm_sim.server_api import ServerApi
+from revnm_sim.live.demo import ROBOT
+from revnm_sim.live.server_api import ServerApi
 from revnm_sim.site import GOAL_RADIUS_M
 from revnm_sim.soak.goals import Goal, GoalDraw
 

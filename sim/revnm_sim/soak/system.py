@@ -15,12 +15,12 @@ from typing import Any
 
 from revnm_client.errors import LinkError
 from revnm_client.link import open_client
-from revnm_sim.children import Children
-from revnm_sim.demo import CHILD_ENV, ROBOT, free_address
-from revnm_sim.live import LiveSettings, LiveSimulator
-from revnm_sim.rtsp_server import RtspServer
+from revnm_sim.live.children import Children
+from revnm_sim.live.demo import CHILD_ENV, ROBOT, free_address
+from revnm_sim.live.rtsp_server import RtspServer
+from revnm_sim.live.server_api import ServerApi
+from revnm_sim.live.simulator import LiveSettings, LiveSimulator
 from revnm_sim.scenario import Scenario
-from revnm_sim.server_api import ServerApi
 from revnm_sim.simulation import TAG_ID, Simulation
 from revnm_sim.soak.bridge import open_bridge
 from revnm_sim.soak.relay import Relay

@@ -16,8 +16,8 @@ from revnm_client.errors import ContractError
 from revnm_server.frame import Frame
 from revnm_server.networks.bundle import load_depth_bundle
 from revnm_server.stages.depth import OnnxDepth
-from revnm_sim.placement import sample_camera
-from revnm_sim.raycast import cast_depth, disparity_from_depth
+from revnm_sim.generation.placement import sample_camera
+from revnm_sim.rays.raycast import cast_depth, disparity_from_depth
 from revnm_sim.shade import shade
 from revnm_sim.world import primitive_arrays
 from revnm_sim.worlds import named_site

@@ -19,10 +19,10 @@ from tqdm import tqdm
 
 from revnm_client.geometry import Pose2
 from revnm_server.observation import Image32, ObservationSpec, normalise_ego_depth
-from revnm_sim.expert import INSCRIBED_M
-from revnm_sim.generator import TRAINING_SEED_BASE, random_pillar
+from revnm_sim.expert.planner import INSCRIBED_M
+from revnm_sim.generation.generator import TRAINING_SEED_BASE, random_pillar
 from revnm_sim.occupancy import occupancy
-from revnm_sim.raycast import cast_depth, ego_camera
+from revnm_sim.rays.raycast import cast_depth, ego_camera
 from revnm_sim.world import World, primitive_arrays
 from revnm_training.checkpoint import load_checkpoint
 from revnm_training.export import Graph, export_onnx

@@ -28,9 +28,9 @@ from revnm_server.observation import (
     normalise_disparity,
     normalise_pixel,
 )
-from revnm_sim.expert import Expert, UnreachableError
-from revnm_sim.generator import TRAINING_SEED_BASE
-from revnm_sim.placement import sample_camera
+from revnm_sim.expert.planner import Expert, UnreachableError
+from revnm_sim.generation.generator import TRAINING_SEED_BASE
+from revnm_sim.generation.placement import sample_camera
 from revnm_sim.robot import RobotSpec
 from revnm_sim.world import World
 from revnm_sim.worlds import named_site

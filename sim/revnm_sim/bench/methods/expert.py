@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from revnm_client.geometry import FloatArray
 from revnm_sim.bench.methods.method import SPACING_M, WAYPOINTS, MethodContext
-from revnm_sim.expert import UnreachableError
+from revnm_sim.expert.planner import UnreachableError
 
 
 class ExpertMethod:

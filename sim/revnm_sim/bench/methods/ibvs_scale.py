@@ -18,7 +18,7 @@ from revnm_sim.bench.methods.ibvs import goal_pixel
 from revnm_sim.bench.methods.method import SPACING_M, WAYPOINTS, MethodContext
 from revnm_sim.bench.methods.pose import KeptSightings
 from revnm_sim.bench.row_scale import RowScale, free_by_metres
-from revnm_sim.expert import INSCRIBED_M
+from revnm_sim.expert.planner import INSCRIBED_M
 
 _RADIUS_M = INSCRIBED_M + 0.03
 _REACH_M = 0.5

@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 
 from revnm_client.geometry import FloatArray
 from revnm_client.messages import Odometry, Scan
-from revnm_sim.expert import CostToGo
+from revnm_sim.expert.planner import CostToGo
 from revnm_sim.scenario import Scenario
 from revnm_sim.simulation import Simulation
 

@@ -11,7 +11,7 @@ from revnm_server.observation import Image32, normalise_ego_depth
 from revnm_server.ports import EgoRequest
 from revnm_sim.bench.methods.method import MethodContext
 from revnm_sim.bench.methods.revnm import RevnmMethod
-from revnm_sim.raycast import cast_depth, ego_camera
+from revnm_sim.rays.raycast import cast_depth, ego_camera
 from revnm_sim.world import primitive_arrays
 
 

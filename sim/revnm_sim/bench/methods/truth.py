@@ -9,7 +9,7 @@ from revnm_client.geometry import FloatArray
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.observation import Image32
 from revnm_sim.bench.methods.pose import KeptSightings
-from revnm_sim.raycast import cast_depth, disparity_from_depth, overlay_depth, robot_primitive
+from revnm_sim.rays.raycast import cast_depth, disparity_from_depth, overlay_depth, robot_primitive
 from revnm_sim.scenario import Scenario
 from revnm_sim.simulation import Simulation
 from revnm_sim.world import primitive_arrays

@@ -12,10 +12,10 @@ import numpy as np
 from revnm_client.errors import ContractError
 from revnm_client.geometry import Pose2
 from revnm_sim.bench.suites.walker import Walk
-from revnm_sim.expert import Expert
-from revnm_sim.features import Part
-from revnm_sim.generator import TRAINING_SEED_BASE, random_pillar
-from revnm_sim.room_builder import RoomBuilder
+from revnm_sim.expert.planner import Expert
+from revnm_sim.generation.features import Part
+from revnm_sim.generation.generator import TRAINING_SEED_BASE, random_pillar
+from revnm_sim.generation.room_builder import RoomBuilder
 from revnm_sim.scenario import sample_pair
 from revnm_sim.site import DETOUR_M, Pair
 from revnm_sim.world import Shape, World

@@ -20,7 +20,7 @@ from revnm_sim.bench.suites.courses import Course
 from revnm_sim.bench.suites.walker import Walker
 from revnm_sim.bench.trial import CONTROL_S, CONTROLS_PER_PICTURE, CONTROLS_PER_SCAN, PLAN_DELAY_NS
 from revnm_sim.camera import Camera
-from revnm_sim.expert import Expert, UnreachableError
+from revnm_sim.expert.planner import Expert, UnreachableError
 from revnm_sim.physics import TICK_NS
 from revnm_sim.scenario import Scenario
 from revnm_sim.simulation import Simulation

@@ -1,0 +1,1 @@
+"""The expert: what it plans, and what every trial is measured by."""

@@ -1,0 +1,1 @@
+"""The simulator in real time: a robot, an IP camera, and the demo of processes around them."""

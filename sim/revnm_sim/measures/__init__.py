@@ -1,0 +1,1 @@
+"""What ``revnm-sim`` measures beside the benchmark, a command each."""
