@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.calibration.keyframes import TagMount
+from revnm_server.calibration.places import PlaceKeeper
 from revnm_server.networks.bundle import (
     Bundle,
     DepthBundle,
@@ -106,6 +107,7 @@ def build_map_pipeline(
         shape=RobotShape(mount, settings.robot_length_m, settings.robot_width_m),
         beliefs=beliefs,
         keeper=CalibrationKeeper(folder, camera) if folder is not None else None,
+        place_keeper=PlaceKeeper(folder, camera) if folder is not None else None,
         max_sighting_age_s=settings.max_sighting_age_s,
     )
 

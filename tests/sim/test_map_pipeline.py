@@ -16,6 +16,7 @@ from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Scan
 from revnm_server.calibration.calibrator import CalibrationState
 from revnm_server.calibration.keeper import CalibrationKeeper
+from revnm_server.calibration.places import Place, PlaceKeeper
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.mapping.floor_grid import FloorGrid
@@ -47,7 +48,12 @@ GOALS = {"rover": Click("g", (U / SIZE_PX[0], V / SIZE_PX[1]))}
 class Drive:
     """A map pipeline that drives the room's robot."""
 
-    def __init__(self, keeper: CalibrationKeeper | None = None, beliefs: MapBeliefs | None = None) -> None:
+    def __init__(
+        self,
+        keeper: CalibrationKeeper | None = None,
+        beliefs: MapBeliefs | None = None,
+        place_keeper: PlaceKeeper | None = None,
+    ) -> None:
         self.room, self.told = Room(), Told()
         self.pipeline = MapPipeline(
             depth=self.room,
@@ -57,6 +63,7 @@ class Drive:
             shape=SHAPE,
             beliefs=beliefs,
             keeper=keeper,
+            place_keeper=place_keeper,
         )
         self.stamp_ns = 0
 
@@ -210,6 +217,72 @@ def test_what_was_learnt_of_the_camera_serves_after_a_restart(tmp_path: Path) ->
     assert site.calibration.status == "good"
     assert site.routes["rover"].reason == ""
     assert site.routes["rover"].way_m is not None
+
+
+def restarted(folder: Path, first: Drive) -> Drive:
+    """Return a drive of another server, whose camera does not see the robot where it stands."""
+    again = Drive(CalibrationKeeper(folder, "hall"), place_keeper=PlaceKeeper(folder, "hall"))
+    again.room.pose, again.stamp_ns, again.room.hidden = first.room.pose, first.stamp_ns, True
+    return again
+
+
+def test_a_robot_that_nobody_sees_after_a_restart_is_led_from_where_it_was(tmp_path: Path) -> None:
+    first = Drive(CalibrationKeeper(tmp_path, "hall"), place_keeper=PlaceKeeper(tmp_path, "hall"))
+    while first.tick().site.calibration.status != "good":  # type: ignore[union-attr]
+        assert first.stamp_ns < 60 * TICK_NS
+    first.pipeline.close()
+    assert first.room.distance_m() > 1.0
+
+    again = restarted(tmp_path, first)
+    for _ in range(100):
+        result = again.tick()
+        assert result.site is not None
+        route = result.site.routes["rover"]
+        assert not route.arrived  # which only the camera can say
+        if again.room.distance_m() < 0.3:
+            break
+        assert "before the server's start" in route.reason
+    assert again.room.distance_m() < 0.3
+    again.room.hidden = False
+    for _ in range(5):
+        result = again.tick()
+    assert result.site is not None
+    assert (result.site.routes["rover"].reason, result.site.routes["rover"].arrived) == ("", True)
+
+
+@pytest.mark.parametrize("change", ["carried", "late", "begun anew"])
+def test_where_a_robot_was_is_forgotten_where_it_may_be_elsewhere(tmp_path: Path, change: str) -> None:
+    first = Drive(CalibrationKeeper(tmp_path, "hall"), place_keeper=PlaceKeeper(tmp_path, "hall"))
+    while first.tick().site.calibration.status != "good":  # type: ignore[union-attr]
+        assert first.stamp_ns < 60 * TICK_NS
+    first.pipeline.close()
+
+    again = restarted(tmp_path, first)
+    if change == "carried":
+        again.room.pose @= Pose2(1.2, 0.0, 0.0)
+    if change == "late":
+        again.stamp_ns += 400 * SECOND_NS
+    if change == "begun anew":
+        assert again.tick().plans != ()
+        again.room.pose @= Pose2(0.0, 0.0, 2.0)
+    result = again.tick()
+    assert result.plans == ()
+    assert result.site is not None
+    assert result.site.routes["rover"].reason == "the camera has not seen the robot yet"
+
+
+def test_a_damaged_file_of_places_is_no_loss(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    here = Place(5, Pose2(1.0, 2.0, 3.0), Pose2(0.0, 0.5, 1.0))
+    keeper = PlaceKeeper(tmp_path, "hall")
+    keeper.offer({"rover": here})
+    keeper.close()
+    path = tmp_path / "hall.places.json"
+    text = path.read_text()
+    assert PlaceKeeper(tmp_path, "hall").load() == {"rover": here}
+    for damage in ("{", "[]", text.replace("hall", "yard"), text.replace("3.0", "NaN"), text.replace("[5, ", "[")):
+        path.write_text(damage)
+        assert PlaceKeeper(tmp_path, "hall").load() == {}
+    assert caplog.text.count("hall.places.json: refused") == 5
 
 
 def test_a_damaged_file_is_named_and_nothing_is_believed_of_it(tmp_path: Path) -> None:

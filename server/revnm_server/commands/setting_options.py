@@ -26,7 +26,12 @@ def add_setting_options(parser: argparse.ArgumentParser) -> None:
     add("--robot", action="append", metavar="NAME=TAG", help="a robot and the id of its AprilTag (rover=0)")
     add("--bundle", type=Path, metavar="DIR", help="model bundle (the one that is shipped)")
     add("--planner", choices=("revnm", "bev"), help="the bundle's policy, or a search on the learnt map (revnm)")
-    add("--calibration-dir", type=Path, metavar="DIR", help="keeps what bev learnt of the camera over a restart (none)")
+    add(
+        "--calibration-dir",
+        type=Path,
+        metavar="DIR",
+        help="keeps what was learnt of the camera, and where robots are, over a restart (none)",
+    )
     add("--state-file", type=Path, metavar="FILE", help="keeps goals and stops over a restart (none)")
 
 

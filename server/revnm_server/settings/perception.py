@@ -16,9 +16,9 @@ class PerceptionSettings(Section):
 
     ``planner`` is ``revnm``, the bundle's policy, or ``bev``, a search on the map that the camera's own calibration
     makes; that one needs ``tag_height_m``, the height of the tags over the floor, and the body of a robot, the
-    tag in its middle. ``calibration_dir`` keeps what it learnt over a restart. ``provider`` runs the networks, each
-    with ``threads`` where that is the CPU. ``tag_library`` is what finds the tags: ``apriltag``, ``opencv``, which
-    takes three times as long, or ``auto``, the former where it loads.
+    tag in its middle. ``calibration_dir`` keeps what it learnt, and where robots are, over a restart. ``provider`` runs
+    the networks, each with ``threads`` where that is the CPU. ``tag_library`` is what finds the tags: ``apriltag``,
+    ``opencv``, which takes three times as long, or ``auto``, the former where it loads.
     """
 
     planner: Literal["revnm", "bev"] = "revnm"

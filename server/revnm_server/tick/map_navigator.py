@@ -21,6 +21,7 @@ from revnm_client.messages import Odometry, Scan
 from revnm_server.calibration.calibrator import CalibrationState, Calibrator
 from revnm_server.calibration.keyframes import DRIVES_OF_A_ROBOT, Keyframe, TagMount, Travel
 from revnm_server.calibration.odometry_track import OdometryTrack
+from revnm_server.calibration.places import Place
 from revnm_server.frame import RobotSighting
 from revnm_server.mapping.floor_grid import FloorGrid
 from revnm_server.mapping.floor_map import Body
@@ -38,6 +39,8 @@ from revnm_server.tick.turns import Turns
 _SEARCHES = 2  # ways a tick that are looked for only because it is time
 _ARRIVED_M = 0.2
 _SEARCHING = "the robot should be at its goal, but the camera does not see it there: looking around"
+_UNSEEN = "the camera has not seen the robot yet"
+_KEPT = "led from where the robot was before the server's start: the camera has not seen it since"
 _BEYOND = "the robot is beyond the map: it is led straight towards it"
 _BACK_LEAST_M = 0.15
 _BACK_M = 0.4  # a robot that was lost from sight is led back at least so far: nearer is as good as there
@@ -115,6 +118,18 @@ class _Robot:
     seen: Travel | None = None
     driven: list[Pose2] = field(default_factory=list)
     drive: int = -1
+    kept: Place | None = None
+    kept_drive: int | None = None
+
+    def hear(self, odometry: Odometry) -> None:
+        """Take odometry; the first says whether the robot can still be led from where it was kept."""
+        self.track.push(odometry)
+        if self.kept is None:
+            return
+        if self.kept_drive is None and self.kept.holds(odometry.stamp_ns, odometry.odom_from_robot):
+            self.kept_drive = self.track.drive
+        if self.kept_drive != self.track.drive:
+            self.kept = None
 
     def note_driven(self, odom_from_robot: Pose2, *, learning: bool) -> None:
         """Remember where the robot was seen in this drive; where nothing is to be learnt, only the last place."""
@@ -140,6 +155,7 @@ class MapNavigator:
         *,
         planner: PlannerSettings | None = None,
         steps: StepSettings | None = None,
+        kept: Mapping[str, Place] | None = None,
     ) -> None:
         """Begin with an empty map.
 
@@ -149,11 +165,18 @@ class MapNavigator:
             site: The map.
             planner: How to plan on it.
             steps: How to drive before there is a calibration.
+            kept: Where robots were before, in the floor frame of a calibration that was kept.
         """
         self._calibrator, self._site = calibrator, site
         self._steps = steps or StepSettings()
+        kept = kept or {}
         self._robots = {
-            name: _Robot(shape, OdometryTrack(index * DRIVES_OF_A_ROBOT), MapPlanner(planner or PlannerSettings()))
+            name: _Robot(
+                shape,
+                OdometryTrack(index * DRIVES_OF_A_ROBOT),
+                MapPlanner(planner or PlannerSettings()),
+                kept=kept.get(name),
+            )
             for index, (name, shape) in enumerate(robots.items())
         }
         self._untaught: list[Keyframe] = []
@@ -162,7 +185,7 @@ class MapNavigator:
 
     def hear_odometry(self, robot: str, odometry: Odometry) -> None:
         """Take a robot's odometry."""
-        self._robots[robot].track.push(odometry)
+        self._robots[robot].hear(odometry)
 
     def hear_scan(self, robot: str, scan: Scan) -> None:
         """Take a robot's scan, whose odometry came before it."""
@@ -171,9 +194,8 @@ class MapNavigator:
         travel = each.track.at(scan.stamp_ns)
         if travel is None:
             return
-        past = PastScan(scan, travel, each.track.drive)
-        each.trail.push(past)
-        place = self._calibrator.floor_from_robot(travel, past.drive)
+        each.trail.push(PastScan(scan, travel, each.track.drive))
+        place = self._floor_from_robot(each, travel)
         if place is not None:
             self._site.hear_scan(scan, place)
 
@@ -205,6 +227,20 @@ class MapNavigator:
         }
         return NavigatorTick(routes, places, grid, state, standing[0] if standing else None)
 
+    def whereabouts(self, stamp_ns: int, places: Mapping[str, Pose2]) -> dict[str, Place]:
+        """Return what to keep of where robots are.
+
+        Args:
+            stamp_ns: Of a picture.
+            places: floor_from_robot then, as of its tick.
+        """
+        travels = {name: self._robots[name].track.at(stamp_ns) for name in places}
+        return {
+            name: Place(stamp_ns, places[name], travel.odom_from_robot)
+            for name, travel in travels.items()
+            if travel is not None
+        }
+
     def learn(self) -> None:
         """Calibrate with the sightings of the pictures so far, and place the map in what the camera is known to be.
 
@@ -220,7 +256,7 @@ class MapNavigator:
     def _sight(self, sighting: RobotSighting) -> bool:
         """Take a sighting; return whether its robot stands in the picture though it drove."""
         each = self._robots[sighting.robot]
-        each.sighting = sighting
+        each.sighting, each.kept = sighting, None
         travel = each.track.at(sighting.stamp_ns)
         if travel is None:
             return False
@@ -238,10 +274,17 @@ class MapNavigator:
         found = {}
         for name, each in self._robots.items():
             travel = each.track.at(stamp_ns)
-            place = self._calibrator.floor_from_robot(travel, each.track.drive) if travel is not None else None
+            place = self._floor_from_robot(each, travel) if travel is not None else None
             if place is not None:
                 found[name] = place
         return found
+
+    def _floor_from_robot(self, each: _Robot, travel: Travel) -> Pose2 | None:
+        """Return where a robot is: since it was seen by the calibration, before that from where it was kept."""
+        place = self._calibrator.floor_from_robot(travel, each.track.drive)
+        if place is None and each.kept is not None:
+            return each.kept.carried(travel.odom_from_robot)
+        return place
 
     def _reframe(self, reframed: Reframed) -> None:
         """Place scans and ways again in the frame of the new calibration: ways where the picture shows them."""
@@ -269,8 +312,8 @@ class MapNavigator:
         has_turn: bool,
     ) -> MapRoute:
         each = self._robots[robot]
-        if each.sighting is None:
-            return MapRoute(None, None, "the camera has not seen the robot yet")
+        if each.sighting is None and (each.kept is None or not state.leads or grid is None):
+            return MapRoute(None, None, _UNSEEN)
         travel = each.track.at(stamp_ns)
         if travel is None:
             return MapRoute(None, None, "the server hears no odometry of the robot")
@@ -292,6 +335,8 @@ class MapNavigator:
         reason = plan.reason or self._site.reason
         if each.search.searching:
             reason = _SEARCHING
+        elif each.kept is not None:
+            reason = _KEPT
         elif not grid.covers(np.array(place[:2])):
             reason = _BEYOND
         arrived = hidden_m <= TRUSTED_M and math.hypot(*(goal_m - place[:2])) <= _ARRIVED_M

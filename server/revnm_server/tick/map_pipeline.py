@@ -17,6 +17,7 @@ from revnm_client.messages import Scan
 from revnm_server.calibration.calibrator import CalibrationState, Calibrator
 from revnm_server.calibration.keeper import CalibrationKeeper
 from revnm_server.calibration.keyframes import TagMount
+from revnm_server.calibration.places import PlaceKeeper
 from revnm_server.floor_camera import FloorCamera
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.mapping.site_map import SiteMap
@@ -51,6 +52,7 @@ class MapPipeline:
         shape: RobotShape,
         beliefs: MapBeliefs | None = None,
         keeper: CalibrationKeeper | None = None,
+        place_keeper: PlaceKeeper | None = None,
         max_sighting_age_s: float = 1.0,
     ) -> None:
         """Begin with an unknown camera, whose first picture says how large its pictures are.
@@ -63,10 +65,12 @@ class MapPipeline:
             shape: Of each robot.
             beliefs: Correct and complete the map; None plans on what was measured alone.
             keeper: Keeps the calibration over a restart; None keeps nothing.
+            place_keeper: Keeps where the robots are, where the calibration is kept.
             max_sighting_age_s: For how long the last sighting of a hidden robot is shown.
         """
         self._depth, self._hw, self._tags = depth, disparity_hw, tags
-        self._senses, self._shape, self._keeper, self._beliefs = senses, shape, keeper, beliefs
+        self._senses, self._shape, self._beliefs = senses, shape, beliefs
+        self._keeper, self._place_keeper = keeper, place_keeper
         self._max_sighting_age_s = max_sighting_age_s
         self._size_px: tuple[int, int] | None = None
         self._resized: str | None = None
@@ -111,6 +115,8 @@ class MapPipeline:
         self._expected = _expected_tags(tick, self._shape.mount)
         if self._keeper is not None:
             self._offer(self._keeper, frame.size_px)
+        if self._place_keeper is not None and tick.calibration.status == "good":
+            self._place_keeper.offer(self._navigator.whereabouts(frame.stamp_ns, tick.places))
         self._thought = self._threads.submit(self._think, tick, disparity, frame.stamp_ns)
         plans = tuple(
             RobotPlan(robot, route.waypoints_m, frame.stamp_ns, goals[robot].id)
@@ -122,8 +128,10 @@ class MapPipeline:
         return TickResult(plans, seen, normalise_disparity(disparity), egos, timings_ms, site)
 
     def close(self) -> None:
-        """Keep what was learnt of the camera."""
+        """Keep what was learnt of the camera, and where the robots are."""
         self._threads.shutdown()
+        if self._place_keeper is not None:
+            self._place_keeper.close()
         if self._keeper is not None:
             if self._size_px is not None:
                 self._offer(self._keeper, self._size_px)
@@ -191,7 +199,9 @@ class MapPipeline:
         kept = self._keeper.load(size_px) if self._keeper is not None else None
         self._calibrator = Calibrator(size_px, kept=kept)
         self._site = SiteMap(size_px, self._hw)
-        self._navigator = MapNavigator(dict.fromkeys(self._senses, self._shape), self._calibrator, self._site)
+        places = self._place_keeper.load() if self._place_keeper is not None and kept is not None else {}
+        robots = dict.fromkeys(self._senses, self._shape)
+        self._navigator = MapNavigator(robots, self._calibrator, self._site, kept=places)
 
     def _report(self, frame: Frame, tick: NavigatorTick) -> SiteReport:
         rejected: dict[str, int] = {}

@@ -5,6 +5,7 @@ Simulator, camera, network and the robot's bridge run here, server and robot cli
 
 from __future__ import annotations
 
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -107,7 +108,7 @@ def running(scenario: Scenario, seed: int, folder: Path) -> Iterator[System]:
     Args:
         scenario: What is simulated.
         seed: Of the errors of LiDAR and odometry.
-        folder: For logs, settings and the state file.
+        folder: For logs, settings, the state file and the calibration.
 
     Raises:
         ChildError: A process has ended.
@@ -132,10 +133,19 @@ def running(scenario: Scenario, seed: int, folder: Path) -> Iterator[System]:
 
 
 def _server_words(camera: RtspServer, zenoh: str, http: str, folder: Path) -> list[str]:
-    state_file = folder / "state.json"
+    state_file, calibration = folder / "state.json", folder / "calibration"
     state_file.unlink(missing_ok=True)
+    shutil.rmtree(calibration, ignore_errors=True)
     words = ["serve", "--camera", camera.url, "--listen", f"tcp/{zenoh}", "--http", http]
-    return [*words, "--robot", f"{ROBOT}={TAG_ID}", "--state-file", str(state_file)]
+    return [
+        *words,
+        "--robot",
+        f"{ROBOT}={TAG_ID}",
+        "--state-file",
+        str(state_file),
+        "--calibration-dir",
+        str(calibration),
+    ]
 
 
 def _is_ready(children: Children, api: ServerApi) -> bool:
@@ -146,7 +156,7 @@ def _is_ready(children: Children, api: ServerApi) -> bool:
 @contextmanager
 def _driving(simulation: Simulation, bridge: str, camera: RtspServer) -> Iterator[LiveSimulator]:
     """Let the robot drive and the camera film it, in a thread of their own."""
-    stop, settings = threading.Event(), LiveSettings(ROBOT, "unused", fps=FPS)
+    stop, settings = threading.Event(), LiveSettings(ROBOT, None, fps=FPS)
     with (
         open_client([f"tcp/{bridge}"]) as session,
         LiveSimulator(simulation, session, settings, show=camera.show) as live,
