@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.server.waiting import eventually
 
 from revnm_client.errors import ContractError
 from revnm_client.geometry import FloatArray, Pose2
@@ -269,6 +270,37 @@ def test_where_a_robot_was_is_forgotten_where_it_may_be_elsewhere(tmp_path: Path
     assert result.plans == ()
     assert result.site is not None
     assert result.site.routes["rover"].reason == "the camera has not seen the robot yet"
+
+
+def test_places_are_written_when_they_say_something_else_and_not_more_often(tmp_path: Path) -> None:
+    now_s = 100.0
+    keeper = PlaceKeeper(tmp_path, "hall", now_s=lambda: now_s)
+
+    def at(x_m: float) -> Place:
+        return Place(int(now_s) * SECOND_NS, Pose2(x_m, 0.0, 0.0), Pose2(x_m, 0.0, 0.0))
+
+    def kept() -> Place | None:
+        return PlaceKeeper(tmp_path, "hall").load().get("rover")
+
+    def offered(place: Place) -> bool:
+        keeper.offer({"rover": place})
+        return kept() == place
+
+    first = at(0.0)
+    eventually(lambda: offered(first))
+    assert not offered(at(0.5))  # within a second
+    now_s += 1.0
+    eventually(lambda: offered(at(0.5)))
+    second = at(0.5)
+    now_s += 30.0
+    assert not offered(at(0.52))  # that is the same place
+    assert kept() == second
+    now_s += 40.0
+    eventually(lambda: offered(at(0.52)))  # still there
+    now_s += 0.5
+    keeper.offer({"rover": at(0.9)})
+    keeper.close()
+    assert kept() == at(0.9)
 
 
 def test_a_damaged_file_of_places_is_no_loss(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -22,6 +22,7 @@ logger = logging.getLogger(__name__)
 _FORMAT = "revnm robot places 1"
 _INTERVAL_S = 1.0
 _OLDEST_NS = 300_000_000_000
+_REFRESHED_NS = 60_000_000_000
 _FARTHEST_M, _MOST_TURNED_RAD = 1.0, 1.0  # robots without plans stand, within a second
 _MOVED_M, _TURNED_RAD = 0.05, 0.05
 
@@ -55,7 +56,7 @@ class Place(NamedTuple):
             (self.floor_from_robot, other.floor_from_robot),
             (self.odom_from_robot, other.odom_from_robot),
         )
-        return all(
+        return abs(self.stamp_ns - other.stamp_ns) <= _REFRESHED_NS and all(
             math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) <= _MOVED_M
             and abs(wrap_angle(a.yaw_rad - b.yaw_rad)) <= _TURNED_RAD
             for a, b in pairs
