@@ -1,6 +1,6 @@
 """The server at work: newest frame → pipeline → plans, and what is known of every robot.
 
-One thread ticks. It publishes nothing rather than something old: no running camera, no recent sighting, a failed
+One thread ticks. It publishes nothing rather than something old: no running camera, a robot that was lost, a failed
 model or a latched stop all mean no plan, and the view says which. On close it tells the robots it drives to
 stand; the goals stay in the mission, so a restarted server tells them to go on.
 """

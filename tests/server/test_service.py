@@ -375,6 +375,7 @@ def test_who_waits_for_a_silent_robot_waits_a_second_however_many_do(
         began_s = time.monotonic()
         assert list(pool.map(service.stop, ["rover"] * 8)) == [False] * 8
         assert time.monotonic() - began_s < 2.5  # one after the other they would take 4 s
+    assert rover(service).reason == "the robot has not confirmed the stop"
     asked.clear()
     queryable.undeclare()
 

@@ -47,6 +47,7 @@ class Room:
         self.robot, self.pose = robot, START
         self.hidden = False
         self.frozen: Pose2 | None = None  # where the picture shows the robot, wherever it is
+        self.begun = START  # where its odometry began
         self._poses: dict[int, Pose2] = {}
         self._background = cast_depth(primitive_arrays((_WALL,)), CAMERA, HW)
         self._rng = np.random.default_rng(0)
@@ -54,7 +55,7 @@ class Room:
     def odometry(self, stamp_ns: int) -> Odometry:
         """What the robot measures now; the picture of that stamp will show it there."""
         self._poses[stamp_ns] = self.pose
-        return Odometry(stamp_ns, START.inverse() @ self.pose, STANDSTILL)
+        return Odometry(stamp_ns, self.begun.inverse() @ self.pose, STANDSTILL)
 
     def disparity(self, frame: Frame) -> Image32:
         depth = overlay_depth(self._background, CAMERA, robot_primitive(self._shown(frame), SPEC))

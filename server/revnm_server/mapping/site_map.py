@@ -116,6 +116,11 @@ class SiteMap:
         if self._scans is not None:
             self._scans.update(scan, floor_from_robot, scan.stamp_ns / _NS_PER_S, times=times)
 
+    def forget_scans(self) -> None:
+        """Forget what scans have met, as when they were made elsewhere."""
+        if self._scans is not None:
+            self._scans.forget()
+
     def see(
         self, stamp_ns: int, disparity: Image32, bodies: tuple[Body, ...], unplaced: Sequence[RobotSighting]
     ) -> None:

@@ -25,6 +25,7 @@ ACKNOWLEDGE_S = 0.5
 _TURN_S = 0.6
 _REPEAT_S = 1.0
 _MOST_SAID = 200
+_NOBODY = b"Timeout"  # what Zenoh itself replies for who does not
 
 
 class OrderCourier:
@@ -140,7 +141,7 @@ class OrderCourier:
 
     def _decode(self, robot: str, reply: zenoh.Reply) -> StopReply | str | None:
         """Return a reply; why it refuses, if it does; None where it is malformed or nobody is there."""
-        if reply.err is not None:
+        if reply.err is not None and reply.err.payload.to_bytes() != _NOBODY:
             text = reply.err.payload.to_bytes()[:_MOST_SAID].decode(errors="replace")
             return "".join(each if each.isprintable() else "?" for each in text)
         if reply.ok is None:

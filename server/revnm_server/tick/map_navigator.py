@@ -21,7 +21,7 @@ from revnm_client.messages import Odometry, Scan
 from revnm_server.calibration.calibrator import CalibrationState, Calibrator
 from revnm_server.calibration.keyframes import DRIVES_OF_A_ROBOT, Keyframe, TagMount, Travel
 from revnm_server.calibration.odometry_track import OdometryTrack
-from revnm_server.calibration.places import Place
+from revnm_server.calibration.places import Anchor, Place
 from revnm_server.frame import RobotSighting
 from revnm_server.mapping.floor_grid import FloorGrid
 from revnm_server.mapping.floor_map import Body
@@ -40,7 +40,7 @@ _SEARCHES = 2  # ways a tick that are looked for only because it is time
 _ARRIVED_M = 0.2
 _SEARCHING = "the robot should be at its goal, but the camera does not see it there: looking around"
 _UNSEEN = "the camera has not seen the robot yet"
-_KEPT = "led from where the robot was before the server's start: the camera has not seen it since"
+_FROM_BEFORE = "led from where the robot was before the restart: the camera has not seen it since"
 _BEYOND = "the robot is beyond the map: it is led straight towards it"
 _BACK_LEAST_M = 0.15
 _BACK_M = 0.4  # a robot that was lost from sight is led back at least so far: nearer is as good as there
@@ -118,18 +118,12 @@ class _Robot:
     seen: Travel | None = None
     driven: list[Pose2] = field(default_factory=list)
     drive: int = -1
-    kept: Place | None = None
-    kept_drive: int | None = None
+    anchor: Anchor = field(default_factory=lambda: Anchor(None))
 
     def hear(self, odometry: Odometry) -> None:
-        """Take odometry; the first says whether the robot can still be led from where it was kept."""
+        """Take odometry."""
         self.track.push(odometry)
-        if self.kept is None:
-            return
-        if self.kept_drive is None and self.kept.holds(odometry.stamp_ns, odometry.odom_from_robot):
-            self.kept_drive = self.track.drive
-        if self.kept_drive != self.track.drive:
-            self.kept = None
+        self.anchor.hear(odometry, self.track.drive)
 
     def note_driven(self, odom_from_robot: Pose2, *, learning: bool) -> None:
         """Remember where the robot was seen in this drive; where nothing is to be learnt, only the last place."""
@@ -175,12 +169,13 @@ class MapNavigator:
                 shape,
                 OdometryTrack(index * DRIVES_OF_A_ROBOT),
                 MapPlanner(planner or PlannerSettings()),
-                kept=kept.get(name),
+                anchor=Anchor(kept.get(name)),
             )
             for index, (name, shape) in enumerate(robots.items())
         }
         self._untaught: list[Keyframe] = []
         self._turns = Turns(_SEARCHES)
+        self._misplaced = False  # scans may lie in the map where they were not made
         self.learn()  # places the map in a calibration that was kept
 
     def hear_odometry(self, robot: str, odometry: Odometry) -> None:
@@ -195,7 +190,7 @@ class MapNavigator:
         if travel is None:
             return
         each.trail.push(PastScan(scan, travel, each.track.drive))
-        place = self._floor_from_robot(each, travel)
+        place = self._floor_from_robot(each, travel, each.track.drive)
         if place is not None:
             self._site.hear_scan(scan, place)
 
@@ -227,16 +222,16 @@ class MapNavigator:
         }
         return NavigatorTick(routes, places, grid, state, standing[0] if standing else None)
 
-    def whereabouts(self, stamp_ns: int, places: Mapping[str, Pose2]) -> dict[str, Place]:
-        """Return what to keep of where robots are.
+    def whereabouts(self, stamp_ns: int, places: Mapping[str, Pose2]) -> dict[str, Place | None]:
+        """Return what to keep of where the robots are that are heard; None where that is not known.
 
         Args:
             stamp_ns: Of a picture.
             places: floor_from_robot then, as of its tick.
         """
-        travels = {name: self._robots[name].track.at(stamp_ns) for name in places}
+        travels = {name: each.track.at(stamp_ns) for name, each in self._robots.items()}
         return {
-            name: Place(stamp_ns, places[name], travel.odom_from_robot)
+            name: Place(stamp_ns, places[name], travel.odom_from_robot) if name in places else None
             for name, travel in travels.items()
             if travel is not None
         }
@@ -252,11 +247,18 @@ class MapNavigator:
         reframed = self._site.recalibrate(state) if state.camera is not None else None
         if reframed is not None:
             self._reframe(reframed)
+        elif self._misplaced:
+            self._site.forget_scans()
+        if reframed is not None or self._misplaced:
+            self._place_scans()
+        self._misplaced = False
 
     def _sight(self, sighting: RobotSighting) -> bool:
         """Take a sighting; return whether its robot stands in the picture though it drove."""
         each = self._robots[sighting.robot]
-        each.sighting, each.kept = sighting, None
+        each.sighting = sighting
+        self._misplaced |= each.anchor.holds
+        each.anchor.forget()
         travel = each.track.at(sighting.stamp_ns)
         if travel is None:
             return False
@@ -274,24 +276,30 @@ class MapNavigator:
         found = {}
         for name, each in self._robots.items():
             travel = each.track.at(stamp_ns)
-            place = self._floor_from_robot(each, travel) if travel is not None else None
+            place = self._floor_from_robot(each, travel, each.track.drive) if travel is not None else None
             if place is not None:
                 found[name] = place
         return found
 
-    def _floor_from_robot(self, each: _Robot, travel: Travel) -> Pose2 | None:
-        """Return where a robot is: since it was seen by the calibration, before that from where it was kept."""
-        place = self._calibrator.floor_from_robot(travel, each.track.drive)
-        if place is None and each.kept is not None:
-            return each.kept.carried(travel.odom_from_robot)
-        return place
+    def _floor_from_robot(self, each: _Robot, travel: Travel, drive: int) -> Pose2 | None:
+        """Return where a robot is: since it was seen by the calibration, else by where it was before a restart."""
+        if self._calibrator.state.restarts:  # of what was known before, nothing holds
+            each.anchor.forget()
+        place = self._calibrator.floor_from_robot(travel, drive)
+        return place if place is not None else each.anchor.floor_from_robot(travel.odom_from_robot, drive)
 
     def _reframe(self, reframed: Reframed) -> None:
-        """Place scans and ways again in the frame of the new calibration: ways where the picture shows them."""
+        """Place ways and robots again in the frame of the new calibration: where the picture shows them."""
         for each in self._robots.values():
             each.planner.carry(reframed.carry)
+            if reframed.before is not None:  # the first frame is the one that was kept
+                each.anchor.carry(reframed.carry)
+
+    def _place_scans(self) -> None:
+        """Take the scans into a map that has none."""
+        for each in self._robots.values():
             for past in each.trail.all():
-                place = self._calibrator.floor_from_robot(past.travel, past.drive)
+                place = self._floor_from_robot(each, past.travel, past.drive)
                 if place is not None:
                     self._site.hear_scan(past.scan, place, times=past.times)
 
@@ -312,7 +320,7 @@ class MapNavigator:
         has_turn: bool,
     ) -> MapRoute:
         each = self._robots[robot]
-        if each.sighting is None and (each.kept is None or not state.leads or grid is None):
+        if each.sighting is None and not each.anchor.holds:
             return MapRoute(None, None, _UNSEEN)
         travel = each.track.at(stamp_ns)
         if travel is None:
@@ -335,15 +343,16 @@ class MapNavigator:
         reason = plan.reason or self._site.reason
         if each.search.searching:
             reason = _SEARCHING
-        elif each.kept is not None:
-            reason = _KEPT
+        elif each.anchor.holds:
+            reason = _FROM_BEFORE
         elif not grid.covers(np.array(place[:2])):
             reason = _BEYOND
         arrived = hidden_m <= TRUSTED_M and math.hypot(*(goal_m - place[:2])) <= _ARRIVED_M
         return MapRoute(plan.waypoints_m, plan.way_m, reason, goal_m, arrived, target_m)
 
     def _first_steps(self, each: _Robot, pixel: FloatArray, stamp_ns: int, state: CalibrationState) -> MapRoute:
-        assert each.sighting is not None
+        if each.sighting is None:
+            return MapRoute(None, None, _UNSEEN)
         back = self._back(each, stamp_ns) if stamp_ns != each.sighting.stamp_ns else None
         if back is not None:
             return back

@@ -115,8 +115,9 @@ class MapPipeline:
         self._expected = _expected_tags(tick, self._shape.mount)
         if self._keeper is not None:
             self._offer(self._keeper, frame.size_px)
-        if self._place_keeper is not None and tick.calibration.status == "good":
-            self._place_keeper.offer(self._navigator.whereabouts(frame.stamp_ns, tick.places))
+        if self._place_keeper is not None:
+            places = tick.places if tick.calibration.status == "good" else {}
+            self._place_keeper.offer(self._navigator.whereabouts(frame.stamp_ns, places))
         self._thought = self._threads.submit(self._think, tick, disparity, frame.stamp_ns)
         plans = tuple(
             RobotPlan(robot, route.waypoints_m, frame.stamp_ns, goals[robot].id)
@@ -222,8 +223,8 @@ class MapPipeline:
     def _warnings(self, calibration: CalibrationState) -> tuple[str, ...]:
         if calibration.status == "good":
             self._resized = None
-        trouble = self._keeper.trouble if self._keeper is not None else None
-        return tuple(text for text in (self._resized, trouble) if text is not None)
+        troubles = [each.trouble for each in (self._keeper, self._place_keeper) if each is not None]
+        return tuple(text for text in (self._resized, *troubles) if text is not None)
 
 
 def _expected_tags(tick: NavigatorTick, mount: TagMount) -> dict[str, FloatArray]:

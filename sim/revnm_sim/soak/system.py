@@ -5,7 +5,6 @@ Simulator, camera, network and the robot's bridge run here, server and robot cli
 
 from __future__ import annotations
 
-import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -133,9 +132,9 @@ def running(scenario: Scenario, seed: int, folder: Path) -> Iterator[System]:
 
 
 def _server_words(camera: RtspServer, zenoh: str, http: str, folder: Path) -> list[str]:
-    state_file, calibration = folder / "state.json", folder / "calibration"
-    state_file.unlink(missing_ok=True)
-    shutil.rmtree(calibration, ignore_errors=True)
+    state_file = folder / "state.json"
+    for path in (state_file, folder / "camera.json", folder / "camera.places.json"):
+        path.unlink(missing_ok=True)
     words = ["serve", "--camera", camera.url, "--listen", f"tcp/{zenoh}", "--http", http]
     return [
         *words,
@@ -144,7 +143,7 @@ def _server_words(camera: RtspServer, zenoh: str, http: str, folder: Path) -> li
         "--state-file",
         str(state_file),
         "--calibration-dir",
-        str(calibration),
+        str(folder),
     ]
 
 
