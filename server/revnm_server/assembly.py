@@ -24,8 +24,8 @@ from revnm_server.stages.exo2ego import OnnxExo2Ego
 from revnm_server.stages.policy import OnnxFloorPolicy, OnnxPolicy
 from revnm_server.tag import TagDetector, TagLibrary, open_tag_library
 from revnm_server.tick.map_beliefs import MapBeliefs
-from revnm_server.tick.map_navigator import RobotShape
 from revnm_server.tick.map_pipeline import MapPipeline
+from revnm_server.tick.map_robot import RobotShape
 from revnm_server.tick.pipeline import Pipeline
 
 

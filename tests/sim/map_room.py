@@ -14,7 +14,7 @@ from revnm_server.calibration.keyframes import TagMount
 from revnm_server.frame import Frame, RobotSighting
 from revnm_server.observation import Image32
 from revnm_server.ports import Heard
-from revnm_server.tick.map_navigator import RobotShape
+from revnm_server.tick.map_robot import RobotShape
 from revnm_sim.camera import Camera
 from revnm_sim.rays.raycast import cast_depth, disparity_from_depth, overlay_depth, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot

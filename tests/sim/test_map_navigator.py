@@ -14,7 +14,9 @@ from revnm_server.calibration.calibrator import Calibrator
 from revnm_server.calibration.keyframes import TagMount
 from revnm_server.mapping.floor_map import MapSpec
 from revnm_server.mapping.site_map import SiteMap
-from revnm_server.tick.map_navigator import MapNavigator, NavigatorTick, RobotShape
+from revnm_server.tick.map_navigator import MapNavigator
+from revnm_server.tick.map_robot import RobotShape
+from revnm_server.tick.map_route import NavigatorTick
 from revnm_sim.camera import Camera
 from revnm_sim.rays.raycast import cast_depth, disparity_from_depth, overlay_depth, robot_primitive
 from revnm_sim.robot import RobotSpec, see_robot

@@ -30,8 +30,8 @@ from revnm_server.planning.map_planner import MapPlanner
 from revnm_server.planning.way import at_lengths
 from revnm_server.ports import BeliefRequest, EgoRequest, Heard
 from revnm_server.tick.map_beliefs import MapBeliefs
-from revnm_server.tick.map_navigator import MapRoute, NavigatorTick
 from revnm_server.tick.map_pipeline import MapPipeline, way_in_picture
+from revnm_server.tick.map_route import MapRoute, NavigatorTick
 from revnm_server.tick.pipeline import TickResult
 from revnm_training.preset import load_preset
 

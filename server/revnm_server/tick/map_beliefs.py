@@ -31,7 +31,7 @@ from revnm_server.observation import (
 from revnm_server.planning.way import at_lengths
 from revnm_server.ports import BeliefRequest, EgoDepth, EgoRequest, FloorPolicy
 from revnm_server.stage_checks import check_array, timed
-from revnm_server.tick.map_navigator import MapRoute, NavigatorTick
+from revnm_server.tick.map_route import MapRoute, NavigatorTick
 from revnm_server.tick.turns import Turns
 
 _STEP_M = 0.01

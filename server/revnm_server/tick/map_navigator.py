@@ -12,28 +12,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Odometry, Scan
 from revnm_server.calibration.calibrator import CalibrationState, Calibrator
-from revnm_server.calibration.keyframes import DRIVES_OF_A_ROBOT, Keyframe, TagMount, Travel
+from revnm_server.calibration.keyframes import DRIVES_OF_A_ROBOT, Keyframe, Travel
 from revnm_server.calibration.odometry_track import OdometryTrack
 from revnm_server.calibration.places import Anchor, Place
 from revnm_server.frame import RobotSighting
 from revnm_server.mapping.floor_grid import FloorGrid
-from revnm_server.mapping.floor_map import Body
-from revnm_server.mapping.scan_trail import PastScan, ScanTrail
+from revnm_server.mapping.scan_trail import PastScan
 from revnm_server.mapping.site_map import Reframed, SiteMap
 from revnm_server.mapping.tag_plane import TagPlane
 from revnm_server.observation import Image32
 from revnm_server.planning.first_steps import StepSettings, first_steps
-from revnm_server.planning.goal_search import TRUSTED_M, GoalSearch
+from revnm_server.planning.goal_search import TRUSTED_M
 from revnm_server.planning.map_planner import MapPlanner, PlannerSettings
 from revnm_server.ports import GoalPixel
-from revnm_server.tick.standing_tag import StandingTag
+from revnm_server.tick.map_robot import MapRobot, RobotShape
+from revnm_server.tick.map_route import MapRoute, NavigatorTick
 from revnm_server.tick.turns import Turns
 
 _SEARCHES = 2  # ways a tick that are looked for only because it is time
@@ -44,98 +43,6 @@ _FROM_BEFORE = "led from where the robot was before the restart: the camera has 
 _BEYOND = "the robot is beyond the map: it is led straight towards it"
 _BACK_LEAST_M = 0.15
 _BACK_M = 0.4  # a robot that was lost from sight is led back at least so far: nearer is as good as there
-
-
-@dataclass(frozen=True, slots=True)
-class RobotShape:
-    """What the map must know of a robot.
-
-    Attributes:
-        mount: Its tag.
-        length_m: Along its heading, the tag in the middle.
-        width_m: Across.
-    """
-
-    mount: TagMount
-    length_m: float
-    width_m: float
-
-    def body(self, floor_from_robot: Pose2) -> Body:
-        """Return the robot at a place."""
-        return Body(floor_from_robot, self.length_m, self.width_m, self.mount.height_m)
-
-
-@dataclass(frozen=True, slots=True)
-class MapRoute:
-    """What a robot shall do.
-
-    Attributes:
-        waypoints_m: (H, 2) metres, frame of the robot at the picture's capture; None for no plan.
-        way_m: (P, 2) the way in the camera's floor frame, metres; None without a map.
-        reason: Why there is no plan, or what is provisional about it; empty where all is well.
-        goal_m: (2,) the goal on the floor, the camera's floor frame; None where it is not known.
-        arrived: The robot's middle is at the goal, and the camera has just seen it.
-        aim_m: (2,) where the way should lead to: the goal, or where to look for it; None without a way.
-    """
-
-    waypoints_m: FloatArray | None
-    way_m: FloatArray | None
-    reason: str
-    goal_m: FloatArray | None = None
-    arrived: bool = False
-    aim_m: FloatArray | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class NavigatorTick:
-    """What one picture gave.
-
-    Attributes:
-        routes: By robot, for those that have a goal.
-        places: floor_from_robot by robot, for those whose place is known.
-        grid: The map, in the camera's floor frame; None while there is none.
-        calibration: How well the camera is known.
-        standing: A robot that the picture shows standing though its odometry has it drive; None where there is none.
-    """
-
-    routes: dict[str, MapRoute]
-    places: dict[str, Pose2]
-    grid: FloorGrid | None
-    calibration: CalibrationState
-    standing: str | None = None
-
-
-@dataclass(slots=True)
-class _Robot:
-    shape: RobotShape
-    track: OdometryTrack
-    planner: MapPlanner
-    search: GoalSearch = field(default_factory=GoalSearch)
-    trail: ScanTrail = field(default_factory=ScanTrail)
-    tag: StandingTag = field(default_factory=StandingTag)
-    scan: Scan | None = None
-    sighting: RobotSighting | None = None
-    seen: Travel | None = None
-    driven: list[Pose2] = field(default_factory=list)
-    drive: int = -1
-    anchor: Anchor = field(default_factory=lambda: Anchor(None))
-
-    def hear(self, odometry: Odometry) -> None:
-        """Take odometry."""
-        self.track.push(odometry)
-        self.anchor.hear(odometry, self.track.drive)
-
-    def note_driven(self, odom_from_robot: Pose2, *, learning: bool) -> None:
-        """Remember where the robot was seen in this drive; where nothing is to be learnt, only the last place."""
-        if self.drive != self.track.drive or not learning:
-            self.driven.clear()
-        self.drive = self.track.drive
-        self.driven.append(odom_from_robot)
-
-    def hidden_m(self, travel: Travel) -> float:
-        """Return how far the robot went since the camera saw it last; inf if that was not in this drive."""
-        seen_now = self.seen is not None and self.drive == self.track.drive
-        return travel.way_m - self.seen.way_m if seen_now and self.seen is not None else math.inf
 
 
 class MapNavigator:
@@ -165,7 +72,7 @@ class MapNavigator:
         self._steps = steps or StepSettings()
         kept = kept or {}
         self._robots = {
-            name: _Robot(
+            name: MapRobot(
                 shape,
                 OdometryTrack(index * DRIVES_OF_A_ROBOT),
                 MapPlanner(planner or PlannerSettings()),
@@ -281,7 +188,7 @@ class MapNavigator:
                 found[name] = place
         return found
 
-    def _floor_from_robot(self, each: _Robot, travel: Travel, drive: int) -> Pose2 | None:
+    def _floor_from_robot(self, each: MapRobot, travel: Travel, drive: int) -> Pose2 | None:
         """Return where a robot is: since it was seen by the calibration, else by where it was before a restart."""
         if self._calibrator.state.restarts:  # of what was known before, nothing holds
             each.anchor.forget()
@@ -350,7 +257,7 @@ class MapNavigator:
         arrived = hidden_m <= TRUSTED_M and math.hypot(*(goal_m - place[:2])) <= _ARRIVED_M
         return MapRoute(plan.waypoints_m, plan.way_m, reason, goal_m, arrived, target_m)
 
-    def _first_steps(self, each: _Robot, pixel: FloatArray, stamp_ns: int, state: CalibrationState) -> MapRoute:
+    def _first_steps(self, each: MapRobot, pixel: FloatArray, stamp_ns: int, state: CalibrationState) -> MapRoute:
         if each.sighting is None:
             return MapRoute(None, None, _UNSEEN)
         back = self._back(each, stamp_ns) if stamp_ns != each.sighting.stamp_ns else None
@@ -362,7 +269,7 @@ class MapNavigator:
         reason = steps.reason or f"learning the camera: {state.progress:.0%}"
         return MapRoute(steps.waypoints_m, None, reason)
 
-    def _back(self, each: _Robot, stamp_ns: int) -> MapRoute | None:
+    def _back(self, each: MapRobot, stamp_ns: int) -> MapRoute | None:
         """Lead a robot that left the camera's sight too early back the way it came; None if it hardly moved since."""
         travel = each.track.at(stamp_ns)
         if travel is None or not each.driven:

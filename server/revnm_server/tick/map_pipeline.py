@@ -26,7 +26,9 @@ from revnm_server.observation import Image32, normalise_disparity
 from revnm_server.ports import DisparitySource, GoalPixel, Senses, SightingSource
 from revnm_server.stage_checks import check_array, timed
 from revnm_server.tick.map_beliefs import MapBeliefs
-from revnm_server.tick.map_navigator import MapNavigator, MapRoute, NavigatorTick, RobotShape
+from revnm_server.tick.map_navigator import MapNavigator
+from revnm_server.tick.map_robot import RobotShape
+from revnm_server.tick.map_route import MapRoute, NavigatorTick
 from revnm_server.tick.pipeline import RobotPlan, TickResult
 from revnm_server.tick.site_report import SiteReport, SiteRoute
 

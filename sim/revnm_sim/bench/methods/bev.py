@@ -19,7 +19,8 @@ from revnm_server.mapping.site_map import SiteMap
 from revnm_server.networks.bundle import load_bundle
 from revnm_server.stages.depth import OnnxDepth
 from revnm_server.tick.map_beliefs import MapBeliefs
-from revnm_server.tick.map_navigator import MapNavigator, RobotShape
+from revnm_server.tick.map_navigator import MapNavigator
+from revnm_server.tick.map_robot import RobotShape
 from revnm_sim.bench.methods.method import MethodContext
 from revnm_sim.bench.methods.pose import ROBOT, NoisySightings
 from revnm_sim.bench.methods.truth import PixelGoal, TrueDisparity
