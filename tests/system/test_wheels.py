@@ -78,6 +78,9 @@ def test_a_command_works_without_the_clone(programs: Path, tmp_path: Path, comma
     block = re.search(r"```yaml\n(robot: .*?)```", (ROOT / "docs/robot.md").read_text(), re.DOTALL)
     assert block is not None
     (tmp_path / "robot.yaml").write_text(block[1])
+    (tmp_path / "rover").mkdir()
+    for name in ("authority.pem", "robot.pem", "robot.key"):  # which its security names
+        (tmp_path / "rover" / name).touch()
     (tmp_path / "server.yaml").write_text("robots: {rover: 3}\n")
     done = run(programs / command[0], *command[1:], folder=tmp_path)
     assert done.returncode == 0, done.stderr
