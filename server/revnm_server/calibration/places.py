@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from revnm_client.geometry import FloatArray, Pose2
 from revnm_client.messages import Odometry
+from revnm_server.calibration.store import write_whole
 
 logger = logging.getLogger(__name__)
 
@@ -198,11 +199,8 @@ class PlaceKeeper:
 
     def _write(self, places: dict[str, Place]) -> None:
         content = {"format": _FORMAT, "camera": self._camera, "places": places}
-        fresh = self._path.with_name(self._path.name + ".new")
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            fresh.write_text(json.dumps(content) + "\n")
-            fresh.replace(self._path)
+            write_whole(self._path, json.dumps(content) + "\n")
         except OSError as error:
             if self.trouble is None:
                 logger.warning("%s: %s", self._path, error)

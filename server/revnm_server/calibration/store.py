@@ -39,13 +39,22 @@ def save_belief(path: Path, camera: str, size_px: tuple[int, int], belief: Belie
         "mean": belief.mean.tolist(),
         "covariance": belief.covariance.tolist(),
     }
-    fresh = path.with_name(path.name + ".new")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        fresh.write_text(json.dumps(content, indent=1) + "\n")
-        fresh.replace(path)
+        write_whole(path, json.dumps(content, indent=1) + "\n")
     except OSError as error:
         raise FileError(f"calibration {path}: {error}") from error
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file, in a folder that is made when it is needed; it appears whole or not at all.
+
+    Raises:
+        OSError: It cannot be written; an older one is as it was.
+    """
+    fresh = path.with_name(path.name + ".new")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fresh.write_text(text)
+    fresh.replace(path)
 
 
 def load_belief(path: Path, camera: str, size_px: tuple[int, int]) -> Belief | None:
